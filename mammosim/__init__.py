@@ -1,0 +1,1 @@
+"""Synthetic mammograms from labelled voxel breasts."""

@@ -1,0 +1,80 @@
+"""The compressed breast: plates, displacement field, and what compression cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mammosim.compression.displacement import DisplacementField, InverseMap
+from mammosim.geometry import View
+from mammosim.phantom import BreastPhantom
+
+
+@dataclass(frozen=True, eq=False)
+class CompressedBreast:
+    """A breast between paddle and support.
+
+    Parameters
+    ----------
+    phantom : BreastPhantom
+        The breast before compression, with its own fine labels.
+    view : View
+    model : str
+        Name of the mechanical model, `none` for a breast left as it is.
+    field : DisplacementField
+        Displacement on the lattice.
+    support_z_mm, paddle_z_mm : float
+        Heights of the plates' faces, compression frame, mm.
+    plate_edge_mm : float
+        Breast-frame x of the plates' edge, mm.
+    converged : bool
+        Whether the solver reached its tolerance.
+    measures : mapping of str to float
+        Scalars of the result (force_n, contact areas, volumes, inverted cells, residual, ...),
+        units in their names; written to `compression.json`.
+    history : ndarray, structured
+        One row an iteration; written to `convergence.csv`.
+    notes : tuple of str
+        Warnings, one sentence each.
+    """
+
+    phantom: BreastPhantom
+    view: View
+    model: str
+    field: DisplacementField
+    support_z_mm: float
+    paddle_z_mm: float
+    plate_edge_mm: float
+    converged: bool
+    measures: Mapping[str, float]
+    history: NDArray[np.void]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def thickness_mm(self) -> float:
+        """Gap between the plates' faces, mm."""
+        return self.paddle_z_mm - self.support_z_mm
+
+    @property
+    def force_n(self) -> float:
+        """Force on the paddle, N."""
+        return self.measures["force_n"]
+
+    def displacement_at(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """(n, 3) displacement in mm at uncompressed points (n, 3), both in the breast frame."""
+        return self.field.displacement_at(points_mm)
+
+    def original_point(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """(n, 3) uncompressed place of compressed points (n, 3), both in the breast frame, mm.
+
+        Rows are NaN where no tissue came to lie.
+        """
+        return self.field.original_point(points_mm)
+
+    @property
+    def inverse(self) -> InverseMap:
+        """The map from the compressed breast back to the uncompressed one, on a regular grid."""
+        return self.field.inverse

@@ -1,0 +1,98 @@
+"""Plain values against settings: every mistake in one error, in words."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from mammosim.config.settings import Settings
+from mammosim.errors import InputError
+
+SettingsType = TypeVar("SettingsType", bound=Settings)
+
+
+def to_settings(
+    kind: type[SettingsType], values: Any, where: str, prefix: tuple[str, ...] = ()
+) -> SettingsType:
+    """Check plain values and make settings of them.
+
+    Parameters
+    ----------
+    kind : type of Settings
+        What to make.
+    values : object
+        Plain values as YAML gives them.
+    where : str
+        Name of the file (or other origin), for messages.
+    prefix : tuple of str
+        Key path of `values` in that file.
+
+    Raises
+    ------
+    InputError
+        One line a mistake: file, key path, value found, what is allowed, and for an unknown key
+        the nearest known one.
+    """
+    if values is None:
+        values = {}
+    if not isinstance(values, dict):
+        at = ".".join(prefix) or "top level"
+        raise InputError(f"{where}: {at}: found {_shown(values)}, expected a mapping of keys")
+    try:
+        # JSON mode is strict about types (no "5" for 5, no true for 1) yet takes lists for tuples.
+        text = json.dumps(values, default=str, allow_nan=True)
+        return kind.model_validate_json(text, strict=True)
+    except ValidationError as error:
+        problems = [_sentence(kind, item, where, prefix) for item in error.errors()]
+        raise InputError(dict.fromkeys(problems)) from None
+
+
+def _sentence(kind: type[Settings], item: Any, where: str, prefix: tuple[str, ...]) -> str:
+    location = tuple(str(part) for part in item["loc"] if not _is_union_tag(part))
+    path = ".".join((*prefix, *location)) or "top level"
+    if item["type"] == "extra_forbidden":
+        known = _known_keys(kind, item["loc"][:-1])
+        near = difflib.get_close_matches(location[-1], known, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(sorted(known))}"
+        return f"{where}: {path}: unknown key; {hint}"
+    if item["type"] == "missing":
+        return f"{where}: {path}: missing, must be given"
+    reason = item["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    verb = "" if item["msg"].startswith("Value error, ") else "expected "
+    return f"{where}: {path}: found {_shown(item['input'])}, {verb}{reason}"
+
+
+def _is_union_tag(part: Any) -> bool:
+    """Pydantic puts the name of the tried alternative of a union into the path."""
+    return isinstance(part, str) and (
+        part[:1].isupper() or part.startswith(("literal[", "list[", "tuple[", "function-", "dict["))
+        or part in {"float", "int", "str", "bool", "none"}
+    )
+
+
+def _known_keys(kind: Any, location: tuple[Any, ...]) -> list[str]:
+    """Names allowed at a key path, found by walking the fields of the settings."""
+    for part in location:
+        if not (isinstance(kind, type) and issubclass(kind, Settings)):
+            return []
+        if isinstance(part, str) and part in kind.model_fields:
+            kind = _settings_in(kind.model_fields[part].annotation)
+    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, Settings) else []
+
+
+def _settings_in(annotation: Any) -> Any:
+    if isinstance(annotation, type) and issubclass(annotation, Settings):
+        return annotation
+    for argument in getattr(annotation, "__args__", ()):
+        found = _settings_in(argument)
+        if found is not None:
+            return found
+    return None
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,68 @@
+"""YAML files in and out: plain values only, duplicates refused, written whole or not at all."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from mammosim.errors import InputError
+
+
+def read_yaml(path: str | os.PathLike[str]) -> Any:
+    """Read a YAML 1.2 file of plain values (no tags, no code, no duplicate keys).
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    object
+        Dicts, lists, strings, numbers, booleans and None.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, unreadable, not text or not YAML; the message names the line.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file in UTF-8") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    return _parse(text, str(path))
+
+
+def parse_value(text: str, where: str) -> Any:
+    """Parse one YAML value given as text, as in ``--set key=value``."""
+    return _parse(text, where)
+
+
+def _parse(text: str, where: str) -> Any:
+    try:
+        return YAML(typ="safe", pure=True).load(text)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = f", line {mark.line + 1}" if mark is not None else ""
+        raise InputError(f"{where}{line}: not valid YAML ({error.problem})") from None
+    except (YAMLError, ValueError, RecursionError) as error:
+        raise InputError(f"{where}: not valid YAML ({str(error).splitlines()[0]})") from None
+
+
+def write_yaml(value: Any, path: str | os.PathLike[str]) -> None:
+    """Write plain values as YAML, keys in the order given."""
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = False
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    stream = io.StringIO()
+    yaml.dump(value, stream)
+    Path(path).write_text(stream.getvalue(), encoding="utf-8")

@@ -1,0 +1,119 @@
+"""The gantry frame: focal spot, breast support, detector and its pixels.
+
+x runs from the chest-wall edge of the detector towards the nipple, y along that edge (the
+compression frame's y), z up from the upper surface of the breast support. All views are seen from
+the tube; a right breast's picture is turned by 180 degrees against a left one's, never mirrored.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mammosim.geometry.views import View
+
+
+@dataclass(frozen=True)
+class Gantry:
+    """Where tube, support and detector are for one view.
+
+    Parameters
+    ----------
+    view : View
+        View and side.
+    detector_edge_mm : float
+        Breast-frame x of the detector's chest-wall edge (gantry x = 0), mm.
+    support_z_mm : float
+        Compression-frame z of the breast support's upper surface (gantry z = 0), mm.
+    source_to_detector_mm : float
+        Distance of the focal spot from the detector plane, mm.
+    support_to_detector_mm : float
+        Gap between the support's upper surface and the detector plane, mm.
+    focal_spot_y_mm : float
+        Compression-frame y of the focal spot, mm.
+    pixel_mm : float
+        Pixel pitch, mm.
+    rows, columns : int
+        Size of the image.
+    y_min_mm : float
+        Compression-frame y of the detector's lower edge, mm; the upper one is at
+        ``y_min_mm + rows * pixel_mm``.
+    """
+
+    view: View
+    detector_edge_mm: float
+    support_z_mm: float
+    source_to_detector_mm: float
+    support_to_detector_mm: float
+    focal_spot_y_mm: float
+    pixel_mm: float
+    rows: int
+    columns: int
+    y_min_mm: float
+
+    @property
+    def y_max_mm(self) -> float:
+        """Compression-frame y of the detector's upper edge, mm."""
+        return self.y_min_mm + self.rows * self.pixel_mm
+
+    @property
+    def x_max_mm(self) -> float:
+        """Gantry x of the detector's edge away from the chest wall, mm."""
+        return self.columns * self.pixel_mm
+
+    @property
+    def focal_spot_mm(self) -> NDArray[np.float64]:
+        """(3,) focal spot in the gantry frame, mm."""
+        height = self.source_to_detector_mm - self.support_to_detector_mm
+        return np.array([0.0, self.focal_spot_y_mm, height])
+
+    def gantry_from_breast(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """Breast-frame points (..., 3) to the gantry frame, mm."""
+        rotated = np.asarray(points_mm, dtype=np.float64) @ self.view.rotation.T
+        return rotated - [self.detector_edge_mm, 0.0, self.support_z_mm]
+
+    def breast_from_gantry(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """Gantry points (..., 3) to the breast frame, mm."""
+        shifted = np.asarray(points_mm, dtype=np.float64) + [
+            self.detector_edge_mm, 0.0, self.support_z_mm,
+        ]  # fmt: skip
+        return shifted @ self.view.rotation
+
+    def project(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """Project gantry points through the focal spot onto the detector.
+
+        Parameters
+        ----------
+        points_mm : array_like, (..., 3)
+            Points below the focal spot, gantry frame, mm.
+
+        Returns
+        -------
+        ndarray, (..., 2)
+            Row and column, whole numbers at pixel centres.
+        """
+        points = np.asarray(points_mm, dtype=np.float64)
+        spot = self.focal_spot_mm
+        scale = self.source_to_detector_mm / (spot[2] - points[..., 2])
+        x = spot[0] + (points[..., 0] - spot[0]) * scale
+        y = spot[1] + (points[..., 1] - spot[1]) * scale
+        return self.pixel_of(x, y)
+
+    def pixel_of(self, x_mm: ArrayLike, y_mm: ArrayLike) -> NDArray[np.float64]:
+        """(..., 2) row and column of detector-plane positions given in gantry x and y, mm."""
+        x, y = np.asarray(x_mm, dtype=np.float64), np.asarray(y_mm, dtype=np.float64)
+        if self.view.laterality == "L":
+            row, column = (self.y_max_mm - y) / self.pixel_mm, x / self.pixel_mm
+        else:
+            row, column = (y - self.y_min_mm) / self.pixel_mm, (self.x_max_mm - x) / self.pixel_mm
+        return np.stack([row - 0.5, column - 0.5], axis=-1)
+
+    def detector_xy_mm(self, row: ArrayLike, column: ArrayLike) -> NDArray[np.float64]:
+        """(..., 2) gantry x and y on the detector plane of rows and columns, mm."""
+        down = (np.asarray(row, dtype=np.float64) + 0.5) * self.pixel_mm
+        along = (np.asarray(column, dtype=np.float64) + 0.5) * self.pixel_mm
+        if self.view.laterality == "L":
+            return np.stack([along, self.y_max_mm - down], axis=-1)
+        return np.stack([self.x_max_mm - along, self.y_min_mm + down], axis=-1)

@@ -1,0 +1,51 @@
+"""Mammographic views: name, side, angle, and the rotation that belongs to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.errors import InputError
+from mammosim.geometry.frames import compression_from_breast
+
+VIEW_NAMES = ("CC", "MLO", "ML")
+
+
+@dataclass(frozen=True)
+class View:
+    """One view of one breast.
+
+    Parameters
+    ----------
+    name : {"CC", "MLO", "ML"}
+    laterality : {"L", "R"}
+    mlo_angle_deg : float
+        Angle of the plates' normal from superior towards medial in MLO, degrees, 30 to 60.
+    """
+
+    name: str
+    laterality: str
+    mlo_angle_deg: float = 45.0
+
+    def __post_init__(self) -> None:
+        if self.name not in VIEW_NAMES:
+            raise InputError(f"view: found '{self.name}', expected one of {', '.join(VIEW_NAMES)}")
+        if self.laterality not in ("L", "R"):
+            raise InputError(f"laterality: found '{self.laterality}', expected L or R")
+
+    @property
+    def angle_deg(self) -> float:
+        """Angle of the plates' normal from superior towards medial, degrees."""
+        return {"CC": 0.0, "MLO": self.mlo_angle_deg, "ML": 90.0}[self.name]
+
+    @property
+    def folder(self) -> str:
+        """Name of the view's folder: laterality and view, as `LCC`."""
+        return self.laterality + self.name
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """(3, 3) matrix from the breast frame to the compression frame."""
+        return compression_from_breast(self.angle_deg, self.laterality)

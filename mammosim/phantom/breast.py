@@ -1,0 +1,100 @@
+"""The uncompressed breast: labelled voxels in the breast frame, with its lesions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.geometry import VoxelFrame
+
+
+@dataclass(frozen=True, eq=False)
+class Lesion:
+    """A lesion, clip or calcification cluster whose voxels carry a label of their own.
+
+    Parameters
+    ----------
+    name : str
+    kind : {"mass", "calcification", "clip"}
+    label : int
+        Its label in the phantom's voxels.
+    tissue : str
+        Name of its tissue in the table.
+    position_mm : ndarray, (3,)
+        Centroid of its voxels, breast frame, mm.
+    volume_mm3 : float
+        Volume of its material, mm3.
+    fill : float
+        Fraction of its voxels' volume that is its material; below 1 where calcifications are
+        smaller than a voxel, so that they keep their mass.
+    """
+
+    name: str
+    kind: str
+    label: int
+    tissue: str
+    position_mm: NDArray[np.float64]
+    volume_mm3: float
+    fill: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Landmark:
+    """A point of the breast that is followed through compression.
+
+    Parameters
+    ----------
+    name : str
+    position_mm : ndarray, (3,)
+        Breast frame, mm.
+    """
+
+    name: str
+    position_mm: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BreastPhantom:
+    """A labelled voxel breast, uncompressed.
+
+    Parameters
+    ----------
+    labels : ndarray of uint8, [x, y, z]
+        Labels of the tissue table, and of the lesions.
+    voxel_mm : ndarray, (3,)
+        Voxel size, mm.
+    origin_mm : ndarray, (3,)
+        Centre of voxel [0, 0, 0] in the breast frame (+x anterior, +y patient's left,
+        +z superior), mm.
+    laterality : {"L", "R"}
+    tissue_of_label : mapping of int to str
+        Tissue of every label that may occur in `labels`, lesions included; 0 is air.
+    nipple_mm : ndarray, (3,)
+        Tip of the nipple, or most anterior tissue voxel, breast frame, mm.
+    lesions : tuple of Lesion
+    landmarks : tuple of Landmark
+    source : str
+        Where it came from: file name or generator.
+    notes : tuple of str
+        What was assumed or mended while reading, one sentence each.
+    """
+
+    labels: NDArray[np.uint8]
+    voxel_mm: NDArray[np.float64]
+    origin_mm: NDArray[np.float64]
+    laterality: str
+    tissue_of_label: Mapping[int, str]
+    nipple_mm: NDArray[np.float64]
+    lesions: tuple[Lesion, ...] = ()
+    landmarks: tuple[Landmark, ...] = ()
+    source: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def frame(self) -> VoxelFrame:
+        """The voxel grid in the breast frame."""
+        nx, ny, nz = self.labels.shape
+        return VoxelFrame(self.origin_mm, self.voxel_mm, (nx, ny, nz))

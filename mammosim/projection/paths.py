@@ -1,0 +1,56 @@
+"""Path lengths: how much of each tissue lies on the ray to each pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.geometry import Gantry
+
+
+@dataclass(frozen=True, eq=False)
+class PathLengths:
+    """Lengths of each tissue along the ray to each pixel.
+
+    Tissues of one material are one channel; each lesion is a channel of its own, whose length is
+    the exact truth of where it appears.
+
+    Parameters
+    ----------
+    tissues : tuple of str
+        Name of each channel: a material of the tissue table, or the name of a lesion.
+    materials : tuple of str
+        Material that each channel attenuates as.
+    lesion_labels : tuple of int
+        Label of the lesion that each channel is, 0 where it is none.
+    length_mm : ndarray of float32, [tissue, row, column]
+        Geometric length, mm.
+    attenuating_mm : ndarray of float32, [tissue, row, column]
+        The same weighted by the density that compression leaves (1/J) and a lesion's fill, mm.
+        It is `length_mm` itself where mass is not conserved.
+    gantry : Gantry
+        Pixels, focal spot and detector.
+    thickness_mm : float
+        Gap between the plates' faces, mm.
+    force_n : float
+        Force on the paddle, N.
+    clipped_fraction : float
+        Fraction of the tissue volume whose 1/J was clipped to 0.5-2.
+    """
+
+    tissues: tuple[str, ...]
+    materials: tuple[str, ...]
+    lesion_labels: tuple[int, ...]
+    length_mm: NDArray[np.float32]
+    attenuating_mm: NDArray[np.float32]
+    gantry: Gantry
+    thickness_mm: float
+    force_n: float
+    clipped_fraction: float
+
+    @property
+    def pixel_mm(self) -> float:
+        """Pixel pitch, mm."""
+        return self.gantry.pixel_mm

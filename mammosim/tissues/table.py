@@ -1,0 +1,106 @@
+"""The tissues of the table, and the modulus of each in a named stiffness set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib.resources import files
+from types import MappingProxyType
+from typing import Any
+
+from ruamel.yaml import YAML
+
+from mammosim.errors import InputError
+
+
+@dataclass(frozen=True)
+class Tissue:
+    """One tissue of the table.
+
+    Parameters
+    ----------
+    name : str
+    label : int
+        Value in voxel arrays.
+    material : str or None
+        What it attenuates as; None for air.
+    like : str or None
+        Tissue whose modulus it takes in a stiffness set that does not name it.
+    stiffness_kpa : mapping of str to float
+        Young's modulus in each set that names it, kPa.
+    """
+
+    name: str
+    label: int
+    material: str | None = None
+    like: str | None = None
+    stiffness_kpa: MappingProxyType[str, float] = field(
+        default_factory=lambda: MappingProxyType({})
+    )
+
+
+def _load() -> dict[str, Any]:
+    text = files(__package__).joinpath("tissues.yaml").read_text(encoding="utf-8")
+    loaded: dict[str, Any] = YAML(typ="safe", pure=True).load(text)
+    return loaded
+
+
+_TABLE = _load()
+
+TISSUES: MappingProxyType[str, Tissue] = MappingProxyType(
+    {
+        name: Tissue(
+            name,
+            block["label"],
+            block.get("material"),
+            block.get("like"),
+            MappingProxyType(block.get("stiffness_kpa", {})),
+        )
+        for name, block in _TABLE["tissues"].items()
+    }
+)
+"""Every tissue by name."""
+
+STIFFNESS_SETS: tuple[str, ...] = tuple(
+    sorted({name for tissue in TISSUES.values() for name in tissue.stiffness_kpa})
+)
+"""Names of the stiffness sets."""
+
+LESION_LABELS: tuple[int, ...] = tuple(
+    label
+    for label in range(151, 256)
+    if label not in {tissue.label for tissue in TISSUES.values()}
+)
+"""Labels free for single lesions, so that each keeps its own image and its own mask."""
+
+
+def stiffness_kpa(tissue: str, stiffness_set: str) -> float:
+    """Young's modulus of a tissue in a stiffness set, kPa.
+
+    Parameters
+    ----------
+    tissue : str
+        Name of a tissue other than air.
+    stiffness_set : str
+        One of `STIFFNESS_SETS`.
+
+    Raises
+    ------
+    InputError
+        If the set does not exist.
+
+    Examples
+    --------
+    >>> stiffness_kpa("duct", "thesis")
+    15.0
+    """
+    if stiffness_set not in STIFFNESS_SETS:
+        raise InputError(
+            f"compression.stiffness: found '{stiffness_set}', "
+            f"expected one of {', '.join(STIFFNESS_SETS)}"
+        )
+    entry = TISSUES[tissue]
+    while stiffness_set not in entry.stiffness_kpa:
+        if entry.like is None:
+            raise InputError(f"tissue '{entry.name}' has no stiffness in set '{stiffness_set}'")
+        entry = TISSUES[entry.like]
+    return entry.stiffness_kpa[stiffness_set]
