@@ -1,1 +1,49 @@
+"""The files of a run: DICOM objects, TIFF and PNG pictures, volumes and tables."""
 
+from mammosim.export.atomic import whole_file, write_json, write_text
+from mammosim.export.dicom import write_dicom
+from mammosim.export.identity import StudyIdentity
+from mammosim.export.lesion_masks import LesionMask, label_image, lesion_masks
+from mammosim.export.pictures import (
+    write_glandular_tiff,
+    write_lesion_tiff,
+    write_mammogram_tiff,
+    write_path_lengths,
+    write_preview,
+)
+from mammosim.export.segmentation import write_segmentation
+from mammosim.export.settings import ExportSettings
+from mammosim.export.tables import (
+    compression_summary,
+    write_compression,
+    write_convergence,
+    write_lesions,
+)
+from mammosim.export.view import write_compressed, write_images
+from mammosim.export.volumes import write_displacement, write_labels
+
+__all__ = [
+    "ExportSettings",
+    "LesionMask",
+    "StudyIdentity",
+    "compression_summary",
+    "label_image",
+    "lesion_masks",
+    "whole_file",
+    "write_compressed",
+    "write_compression",
+    "write_convergence",
+    "write_dicom",
+    "write_displacement",
+    "write_glandular_tiff",
+    "write_images",
+    "write_json",
+    "write_labels",
+    "write_lesion_tiff",
+    "write_lesions",
+    "write_mammogram_tiff",
+    "write_path_lengths",
+    "write_preview",
+    "write_segmentation",
+    "write_text",
+]

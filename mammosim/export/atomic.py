@@ -1,0 +1,94 @@
+"""Files that are written whole or not at all.
+
+A file is written under a temporary name in its own folder and renamed when it is complete, so
+that neither a crash nor a full disk leaves half a file under the name that others read.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from mammosim.errors import InputError
+
+PART_PREFIX = ".part-"
+"""How the name of a file that is not complete yet begins; its suffix stays as it is."""
+
+
+@contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a temporary path to write to, and rename it to `path` at the end.
+
+    Parameters
+    ----------
+    path : path
+        Where the file is to be. Its folder is made if it does not exist.
+
+    Yields
+    ------
+    Path
+        A path in the same folder with the same suffix; whatever is there after the block becomes
+        `path`. After an exception it is removed and `path` stays as it was.
+
+    Raises
+    ------
+    InputError
+        If the operating system refuses (disk full, read-only folder); names path and reason.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with whole_file(folder + "/note.txt") as part:
+    ...         _ = part.write_text("complete")
+    ...     Path(folder, "note.txt").read_text()
+    'complete'
+    """
+    path = Path(path)
+    part = path.with_name(PART_PREFIX + path.name)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield part
+        os.replace(part, path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(f"{path}: cannot be written ({reason})") from error
+    finally:
+        _remove(part)
+
+
+def _remove(part: Path) -> None:
+    try:
+        part.unlink(missing_ok=True)
+    except OSError:
+        return  # the folder itself cannot be written; the reason is already on its way up
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file in UTF-8 with Unix line ends, whole or not at all."""
+    with whole_file(path) as part:
+        part.write_bytes(text.encode("utf-8"))
+
+
+def write_json(path: str | os.PathLike[str], value: Any) -> None:
+    """Write plain values as JSON, whole or not at all; numbers that are not finite become null."""
+    text = json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+    write_text(path, text + "\n")
+
+
+def _plain(value: Any) -> Any:
+    """Replace NumPy scalars, tuples and numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

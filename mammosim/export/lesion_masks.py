@@ -1,0 +1,85 @@
+"""Where each lesion appears on the image: exact masks from the lesions' own path lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.errors import InputError
+from mammosim.projection import PathLengths
+from mammosim.targets import Target
+
+
+@dataclass(frozen=True, eq=False)
+class LesionMask:
+    """One lesion's shadow.
+
+    Parameters
+    ----------
+    target : Target
+    mask : ndarray of bool, [row, column]
+        Pixels whose ray passes through the lesion.
+    """
+
+    target: Target
+    mask: NDArray[np.bool_]
+
+
+def lesion_masks(paths: PathLengths, targets: Sequence[Target]) -> list[LesionMask]:
+    """Mask of every lesion channel, by rising target id.
+
+    Parameters
+    ----------
+    paths : PathLengths
+    targets : sequence of Target
+        Targets of this view; channel and target belong together by the lesion's name.
+
+    Returns
+    -------
+    list of LesionMask
+        Empty where the breast has no lesion. A mask is all False where the lesion is not on the
+        image.
+
+    Raises
+    ------
+    InputError
+        If a lesion channel has no target.
+    """
+    target_of = {
+        target.name: target for target in targets if target.kind not in ("landmark", "nipple")
+    }
+    found = []
+    for channel, label in enumerate(paths.lesion_labels):
+        if label == 0:
+            continue
+        name = paths.tissues[channel]
+        if name not in target_of:
+            known = ", ".join(sorted(target_of)) or "none"
+            raise InputError(f"lesion '{name}' has no row among the targets, which are: {known}")
+        found.append(LesionMask(target_of[name], paths.length_mm[channel] > 0.0))
+    return sorted(found, key=lambda lesion: lesion.target.target_id)
+
+
+def label_image(masks: Sequence[LesionMask], shape: tuple[int, int]) -> NDArray[np.unsignedinteger]:
+    """One picture of all masks, whose pixel value is the target id.
+
+    Parameters
+    ----------
+    masks : sequence of LesionMask
+    shape : (int, int)
+        Rows and columns.
+
+    Returns
+    -------
+    ndarray of uint8 or uint16, [row, column]
+        0 where there is no lesion; where lesions overlap, the smaller one's id. 16 bits only
+        where an id needs them.
+    """
+    highest = max((lesion.target.target_id for lesion in masks), default=0)
+    image: NDArray[np.unsignedinteger] = np.zeros(shape, np.uint8 if highest < 256 else np.uint16)
+    for lesion in sorted(masks, key=lambda lesion: -np.count_nonzero(lesion.mask)):
+        image[lesion.mask] = lesion.target.target_id
+    return image

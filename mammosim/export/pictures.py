@@ -1,0 +1,124 @@
+"""Pictures without patient data: 16-bit TIFF, label image, preview, path lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image
+
+from mammosim.acquisition import Mammogram
+from mammosim.export.atomic import whole_file
+from mammosim.export.lesion_masks import LesionMask, label_image
+from mammosim.projection import PathLengths
+
+_MM_PER_CM = 10.0
+_MM_PER_INCH = 25.4
+_PREVIEW_PIXELS = 4_000_000  # a preview of more is halved: it should open at once everywhere
+
+GLANDULAR_MATERIALS = ("gland",)
+"""Materials whose length is glandular thickness: lobes, lobules and ducts."""
+
+
+def write_mammogram_tiff(mammogram: Mammogram, path: str | PathLike[str]) -> None:
+    """Write the for-processing pixels, 16 bits, with the detector's pixel pitch."""
+    _write_tiff(path, mammogram.for_processing.astype(np.uint16), mammogram.gantry.pixel_mm)
+
+
+def write_lesion_tiff(
+    masks: Sequence[LesionMask], mammogram: Mammogram, path: str | PathLike[str]
+) -> None:
+    """Write the lesions as a label image whose pixel value is the target id."""
+    image = label_image(masks, (mammogram.gantry.rows, mammogram.gantry.columns))
+    _write_tiff(path, image, mammogram.gantry.pixel_mm, compression="zlib")
+
+
+def write_glandular_tiff(paths: PathLengths, path: str | PathLike[str]) -> None:
+    """Write the thickness of glandular tissue along each ray, mm, 32-bit floats."""
+    glandular = [material in GLANDULAR_MATERIALS for material in paths.materials]
+    thickness = paths.length_mm[np.array(glandular, dtype=bool)].sum(axis=0, dtype=np.float64)
+    _write_tiff(path, thickness.astype(np.float32), paths.pixel_mm)
+
+
+def _write_tiff(
+    path: str | PathLike[str],
+    pixels: NDArray[np.generic],
+    pixel_mm: float,
+    compression: str | None = None,
+) -> None:
+    per_cm = _MM_PER_CM / pixel_mm
+    with whole_file(path) as part:
+        tifffile.imwrite(
+            part,
+            pixels,
+            photometric="minisblack",
+            compression=compression,
+            resolution=(per_cm, per_cm),
+            resolutionunit="CENTIMETER",
+            software="mammosim",
+            metadata=None,
+        )
+
+
+def write_preview(mammogram: Mammogram, path: str | PathLike[str]) -> None:
+    """Write the picture for reading through its window as an 8-bit PNG.
+
+    Pictures of 4 million pixels and more are halved by the mean of 2 x 2 pixels; the pixel
+    spacing is in the file (pHYs) either way.
+    """
+    pixel_mm = mammogram.gantry.pixel_mm
+    pixels: NDArray[Any] = mammogram.for_presentation
+    if pixels.size >= _PREVIEW_PIXELS:
+        pixels, pixel_mm = _halved(pixels), pixel_mm * 2.0
+    grey = through_window(pixels, mammogram.window_center, mammogram.window_width)
+    per_inch = _MM_PER_INCH / pixel_mm
+    with whole_file(path) as part:
+        Image.fromarray(grey).save(part, dpi=(per_inch, per_inch), optimize=False)
+
+
+def _halved(pixels: NDArray[np.generic]) -> NDArray[np.float64]:
+    """Mean of 2 x 2 pixels; an odd last row or column is left out."""
+    rows, columns = (size // 2 for size in pixels.shape)
+    blocks = pixels[: rows * 2, : columns * 2].reshape(rows, 2, columns, 2)
+    return blocks.mean(axis=(1, 3))
+
+
+def through_window(pixels: NDArray[np.generic], center: float, width: float) -> NDArray[np.uint8]:
+    """Grey levels 0-255 of stored pixels through a linear window (PS3.3 C.11.2.1.2.1).
+
+    Parameters
+    ----------
+    pixels : ndarray, any shape
+    center, width : float
+        Window Center and Window Width; the width is above 1.
+
+    Examples
+    --------
+    >>> through_window(np.array([0, 100, 200]), center=100.5, width=201).tolist()
+    [0, 128, 255]
+    """
+    fraction = (pixels.astype(np.float64) - (center - 0.5)) / (width - 1.0) + 0.5
+    return np.rint(255.0 * np.clip(fraction, 0.0, 1.0)).astype(np.uint8)
+
+
+def write_path_lengths(paths: PathLengths, path: str | PathLike[str]) -> None:
+    """Write the path length of every channel as a NumPy archive.
+
+    Its arrays: `tissues`, `materials`, `lesion_labels` (one entry a channel), `length_mm` and
+    `attenuating_mm` ([tissue, row, column]), `pixel_mm` and `focal_spot_mm` (gantry frame).
+    """
+    with whole_file(path) as part:
+        np.savez_compressed(
+            part,
+            tissues=np.array(paths.tissues),
+            materials=np.array(paths.materials),
+            lesion_labels=np.array(paths.lesion_labels, dtype=np.int64),
+            length_mm=paths.length_mm,
+            attenuating_mm=paths.attenuating_mm,
+            pixel_mm=np.float64(paths.pixel_mm),
+            focal_spot_mm=paths.gantry.focal_spot_mm,
+        )

@@ -1,0 +1,130 @@
+"""The lesion mask as a DICOM Segmentation that refers to the mammogram for reading."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+
+import highdicom as hd
+import numpy as np
+from pydicom import Dataset
+from pydicom.sr.coding import Code
+
+from mammosim.acquisition import Mammogram
+from mammosim.export.atomic import whole_file
+from mammosim.export.dicom import SERIES_NUMBER, identification, mammogram_dataset, set_attributes
+from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity, software_version
+from mammosim.export.lesion_masks import LesionMask
+from mammosim.export.orientation import patient_orientation
+from mammosim.export.settings import ExportSettings
+
+_ABNORMAL = Code("49755003", "SCT", "Morphologically Abnormal Structure")
+_OBJECT = Code("260787004", "SCT", "Physical object")
+
+# Category (PS3.16 CID 7150) and type (CID 7159, 6014 and 7193) of each kind of lesion.
+_CODES = {
+    "mass": (_ABNORMAL, Code("4147007", "SCT", "Mass")),
+    "calcification": (_ABNORMAL, Code("129769006", "SCT", "Calcification Cluster")),
+    "clip": (_OBJECT, Code("77720000", "SCT", "Clip")),
+}
+
+# CID 7162 has no word for a projection of known truth; the masks come from a deformed model.
+_FAMILY = Code("123111", "DCM", "Deformable Models")
+
+
+def write_segmentation(
+    masks: Sequence[LesionMask],
+    mammogram: Mammogram,
+    path: str | PathLike[str],
+    study: StudyIdentity,
+    settings: ExportSettings,
+) -> None:
+    """Write the masks as one binary DICOM Segmentation, a segment a lesion.
+
+    Parameters
+    ----------
+    masks : sequence of LesionMask
+        At least one, by rising target id.
+    mammogram : Mammogram
+        The image they lie on; the segmentation refers to the object for presentation.
+    path : path
+    study : StudyIdentity
+    settings : ExportSettings
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+
+    Notes
+    -----
+    DICOM numbers segments 1, 2, 3 without gaps (PS3.3 C.8.20.2), so a segment's number is its
+    target's id where lesions come first among the targets. The id itself is in the segment's
+    description and in its Tracking ID in any case.
+    """
+    view = mammogram.gantry.view
+    segmentation = hd.seg.Segmentation(
+        source_images=[mammogram_dataset(mammogram, "presentation", study, settings)],
+        pixel_array=np.stack([lesion.mask for lesion in masks], axis=-1)[np.newaxis],
+        segmentation_type=hd.seg.SegmentationTypeValues.BINARY,
+        segment_descriptions=[
+            _description(number, lesion, study) for number, lesion in enumerate(masks, start=1)
+        ],
+        series_instance_uid=study.uid("series", "segmentation"),
+        series_number=SERIES_NUMBER["segmentation"],
+        sop_instance_uid=study.uid("image", view.folder, "segmentation"),
+        instance_number=1,
+        manufacturer="mammosim",
+        manufacturer_model_name="mammosim",
+        software_versions=software_version(),
+        device_serial_number="simulated",
+        content_label="LESIONS",
+        content_description="Where each simulated lesion projects",
+        # highdicom wants one frame at least, and keeps empty ones if it is told to.
+        omit_empty_frames=any(lesion.mask.any() for lesion in masks),
+    )
+    _settle(segmentation, mammogram, study, settings)
+    with whole_file(path) as part:
+        segmentation.save_as(part, enforce_file_format=True)
+
+
+def _description(
+    number: int, lesion: LesionMask, study: StudyIdentity
+) -> hd.seg.SegmentDescription:
+    target = lesion.target
+    category, kind = _CODES[target.kind]
+    description = hd.seg.SegmentDescription(
+        segment_number=number,
+        segment_label=target.name[:64],
+        segmented_property_category=category,
+        segmented_property_type=kind,
+        algorithm_type=hd.seg.SegmentAlgorithmTypeValues.AUTOMATIC,
+        algorithm_identification=hd.AlgorithmIdentificationSequence(
+            name="mammosim projection of the known lesion",
+            family=_FAMILY,
+            version=software_version(),
+        ),
+        tracking_uid=study.uid("lesion", str(target.target_id)),
+        tracking_id=f"{target.target_id} {target.name}"[:64],
+        anatomic_regions=[Code("76752008", "SCT", "Breast")],
+    )
+    description.SegmentDescription = f"target_id {target.target_id} of lesions.csv"
+    return description
+
+
+def _settle(
+    segmentation: Dataset, mammogram: Mammogram, study: StudyIdentity, settings: ExportSettings
+) -> None:
+    """Put in what highdicom leaves out, and replace the clock and its random UIDs."""
+    view = mammogram.gantry.view
+    set_attributes(segmentation, identification(study, settings, "segmentation", view))
+    segmentation.SeriesDescription = "Where each simulated lesion projects"
+    segmentation.PatientOrientation = patient_orientation(view)
+    segmentation.file_meta.ImplementationClassUID = IMPLEMENTATION_UID
+    segmentation.file_meta.ImplementationVersionName = "MAMMOSIM"
+    organization = study.uid("dimensions", view.folder)
+    for item in (*segmentation.DimensionOrganizationSequence, *segmentation.DimensionIndexSequence):
+        item.DimensionOrganizationUID = organization
+    for equipment in segmentation.ContributingEquipmentSequence:
+        if "ContributionDateTime" in equipment:
+            equipment.ContributionDateTime = f"{settings.date}000000"

@@ -1,0 +1,51 @@
+"""The `export` section of a configuration."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from pydantic import field_validator
+
+from mammosim.config import Settings
+
+
+class ExportSettings(Settings):
+    """Which files a run writes."""
+
+    dicom: bool = True
+    """Write the mammogram and the lesion mask as DICOM objects."""
+
+    tiff: bool = True
+    """Write the 16-bit mammogram and the lesion label image as TIFF."""
+
+    png: bool = True
+    """Write an 8-bit preview picture."""
+
+    volumes: bool = True
+    """Write the compressed labels and the displacement field as NIfTI volumes."""
+
+    path_lengths: bool = False
+    """Write the path length of every tissue at every pixel, in mm, as one NumPy archive."""
+
+    glandular_thickness: bool = False
+    """Write the thickness of glandular tissue at every pixel, in mm, as 32-bit TIFF."""
+
+    date: str = "20000101"
+    """Date that the DICOM objects carry, as YYYYMMDD; fixed, so that reruns are identical."""
+
+    @field_validator("date", mode="before")
+    @classmethod
+    def _date_of_calendar(cls, value: Any) -> Any:
+        # YAML reads an unquoted 20000101 as a number and 2000-01-01 as a date.
+        text = str(value).replace("-", "")
+        if not _is_date(text):
+            raise ValueError("expected a date as YYYYMMDD")
+        return text
+
+
+def _is_date(text: str) -> bool:
+    try:
+        return len(text) == 8 and text.isdigit() and bool(datetime.strptime(text, "%Y%m%d"))
+    except ValueError:
+        return False

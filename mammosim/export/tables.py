@@ -1,0 +1,77 @@
+"""Tables and scalars: lesions.csv, convergence.csv, compression.json."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple, fields
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.compression import CompressedBreast
+from mammosim.export.atomic import write_json, write_text
+from mammosim.targets import Target
+
+
+def write_lesions(targets: Sequence[Target], path: str | PathLike[str]) -> None:
+    """Write one row a target and view, with the columns of `Target`.
+
+    Lengths have four decimals; what is not known is empty.
+    """
+    header = [field.name for field in fields(Target)]
+    rows = ([_cell(value, ".4f") for value in astuple(target)] for target in targets)
+    write_text(path, _csv(header, rows))
+
+
+def write_convergence(history: NDArray[np.void], path: str | PathLike[str]) -> None:
+    """Write a solver's history, one row an iteration, with the columns of the array's fields."""
+    header = list(history.dtype.names or ())
+    rows = ([_cell(value, ".9g") for value in row] for row in history.tolist())
+    write_text(path, _csv(header, rows))
+
+
+def write_compression(squeezed: CompressedBreast, path: str | PathLike[str]) -> None:
+    """Write the scalars of a compression: plates, thickness, and the result's own measures."""
+    write_json(path, compression_summary(squeezed))
+
+
+def compression_summary(squeezed: CompressedBreast) -> dict[str, Any]:
+    """What `compression.json` holds, as plain values."""
+    return {
+        "view": squeezed.view.name,
+        "laterality": squeezed.view.laterality,
+        "angle_deg": squeezed.view.angle_deg,
+        "model": squeezed.model,
+        "converged": squeezed.converged,
+        "thickness_mm": squeezed.thickness_mm,
+        "support_z_mm": squeezed.support_z_mm,
+        "paddle_z_mm": squeezed.paddle_z_mm,
+        "plate_edge_mm": squeezed.plate_edge_mm,
+        **squeezed.measures,
+        "notes": list(squeezed.notes),
+    }
+
+
+def _csv(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def _cell(value: Any, number_format: str) -> str:
+    """A value as text; the same value always reads the same."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return ""
+        text = format(value, number_format)
+        return text.removeprefix("-") if float(text) == 0.0 else text
+    return str(value)

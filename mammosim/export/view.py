@@ -1,0 +1,113 @@
+"""One view's folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.acquisition import Mammogram
+from mammosim.compression import CompressedBreast
+from mammosim.export.dicom import write_dicom
+from mammosim.export.identity import StudyIdentity
+from mammosim.export.lesion_masks import lesion_masks
+from mammosim.export.pictures import (
+    write_glandular_tiff,
+    write_lesion_tiff,
+    write_mammogram_tiff,
+    write_path_lengths,
+    write_preview,
+)
+from mammosim.export.segmentation import write_segmentation
+from mammosim.export.settings import ExportSettings
+from mammosim.export.tables import write_compression, write_convergence
+from mammosim.export.volumes import write_displacement, write_labels
+from mammosim.geometry import VoxelFrame
+from mammosim.projection import PathLengths
+from mammosim.targets import Target
+
+
+def write_compressed(
+    folder: str | PathLike[str],
+    squeezed: CompressedBreast,
+    settings: ExportSettings,
+    labels: NDArray[np.uint8] | None = None,
+    labels_frame: VoxelFrame | None = None,
+) -> None:
+    """Write what is known of a view after compression.
+
+    Parameters
+    ----------
+    folder : path
+        The view's folder, as ``run/LCC``.
+    squeezed : CompressedBreast
+        Also one that has not converged.
+    settings : ExportSettings
+    labels : ndarray of uint8, [x, y, z], optional
+        Labels of the compressed breast, axes of the compression frame; without them there is no
+        ``compressed.nii.gz``.
+    labels_frame : VoxelFrame, optional
+        Where those voxels are, compression frame, mm.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    folder = Path(folder)
+    write_compression(squeezed, folder / "compression.json")
+    write_convergence(squeezed.history, folder / "convergence.csv")
+    if not settings.volumes:
+        return
+    write_displacement(squeezed.field, folder / "displacement.nii.gz")
+    if labels is not None and labels_frame is not None:
+        write_labels(labels, labels_frame, squeezed.view.rotation, folder / "compressed.nii.gz")
+
+
+def write_images(
+    folder: str | PathLike[str],
+    paths: PathLengths,
+    mammogram: Mammogram,
+    targets: Sequence[Target],
+    settings: ExportSettings,
+    study: StudyIdentity,
+) -> None:
+    """Write the pictures of one view.
+
+    Parameters
+    ----------
+    folder : path
+        The view's folder, as ``run/LCC``.
+    paths : PathLengths
+    mammogram : Mammogram
+    targets : sequence of Target
+        Targets of the run; those of other views are passed over.
+    settings : ExportSettings
+    study : StudyIdentity
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written, or a lesion of `paths` is not among the targets.
+    """
+    folder = Path(folder)
+    view = mammogram.gantry.view
+    here = [target for target in targets if target.view in (view.folder, view.name)]
+    masks = lesion_masks(paths, here)
+    if settings.dicom:
+        write_dicom(mammogram, "processing", folder / "for_processing.dcm", study, settings)
+        write_dicom(mammogram, "presentation", folder / "for_presentation.dcm", study, settings)
+        if masks:
+            write_segmentation(masks, mammogram, folder / "lesion_mask.dcm", study, settings)
+    if settings.tiff:
+        write_mammogram_tiff(mammogram, folder / "mammogram.tif")
+        write_lesion_tiff(masks, mammogram, folder / "lesion_mask.tif")
+    if settings.png:
+        write_preview(mammogram, folder / "preview.png")
+    if settings.path_lengths:
+        write_path_lengths(paths, folder / "path_lengths.npz")
+    if settings.glandular_thickness:
+        write_glandular_tiff(paths, folder / "glandular_thickness.tif")

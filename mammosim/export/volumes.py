@@ -1,0 +1,119 @@
+"""NIfTI volumes in patient space: the compressed labels and the displacement field.
+
+The breast frame has +x anterior, +y left, +z superior. ITK, and so this module, speaks LPS: left,
+posterior, superior = (y, -x, z). The compression frame's turn about x goes into the direction
+cosines, so that a viewer shows each volume where it is in the patient.
+"""
+
+from __future__ import annotations
+
+import gzip
+import shutil
+import zlib
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+import SimpleITK as sitk
+from numpy.typing import NDArray
+
+from mammosim.compression import DisplacementField
+from mammosim.export.atomic import whole_file
+from mammosim.geometry import VoxelFrame
+
+LPS_FROM_BREAST: NDArray[np.float64] = np.array(
+    [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+)
+"""(3, 3) rotation from breast-frame vectors to LPS."""
+
+_BYTES_AT_ONCE = 1 << 24
+
+
+def write_labels(
+    labels: NDArray[np.uint8],
+    frame: VoxelFrame,
+    rotation: NDArray[np.float64],
+    path: str | PathLike[str],
+) -> None:
+    """Write labels of the compressed breast.
+
+    Parameters
+    ----------
+    labels : ndarray of uint8, [x, y, z]
+        Axes of the compression frame.
+    frame : VoxelFrame
+        Where their voxels are, compression frame, mm.
+    rotation : ndarray, (3, 3)
+        Breast frame to compression frame (`View.rotation`).
+    path : path
+        Ends in ``.nii.gz``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    image = sitk.GetImageFromArray(np.ascontiguousarray(labels.transpose(2, 1, 0)))
+    _place(image, frame, rotation)
+    _write(image, path, labels.nbytes)
+
+
+def write_displacement(field: DisplacementField, path: str | PathLike[str]) -> None:
+    """Write the displacement at the nodes of the uncompressed lattice.
+
+    Parameters
+    ----------
+    field : DisplacementField
+    path : path
+        Ends in ``.nii.gz``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+
+    Notes
+    -----
+    An ITK vector image of 32-bit floats, geometry and vectors in LPS mm. The vector at a point p
+    of the uncompressed breast leads to the point p + u(p) of the compressed one: 3D Slicer and
+    `sitk.DisplacementFieldTransform` take it as that transform, which resamples a picture of the
+    compressed breast onto the uncompressed one.
+    """
+    to_lps = LPS_FROM_BREAST @ field.rotation.T
+    vectors = (field.displacement_mm @ to_lps.T).astype(np.float32)
+    image = sitk.GetImageFromArray(
+        np.ascontiguousarray(vectors.transpose(2, 1, 0, 3)), isVector=True
+    )
+    _place(image, field.frame, field.rotation)
+    _write(image, path, vectors.nbytes)
+
+
+def _place(image: sitk.Image, frame: VoxelFrame, rotation: NDArray[np.float64]) -> None:
+    to_lps = LPS_FROM_BREAST @ rotation.T
+    image.SetSpacing([float(step) for step in frame.spacing_mm])
+    image.SetOrigin([float(at) for at in to_lps @ frame.origin_mm])
+    image.SetDirection([float(cosine) for cosine in to_lps.ravel()])
+
+
+def _write(image: sitk.Image, path: str | PathLike[str], data_bytes: int) -> None:
+    with whole_file(path) as part:
+        try:
+            sitk.WriteImage(image, str(part), useCompression=True)
+        except RuntimeError as error:
+            raise OSError(str(error).strip().splitlines()[-1]) from error
+        # ITK does not notice a full disk.
+        if _unpacked_bytes(part) < data_bytes:
+            free_mb = shutil.disk_usage(part.parent).free // 1_000_000
+            raise OSError(f"written incompletely; {free_mb} MB free on the disk")
+
+
+def _unpacked_bytes(path: Path) -> int:
+    """Size of what a gzip file holds; 0 where it breaks off."""
+    size = 0
+    try:
+        with gzip.open(path) as stream:
+            while block := stream.read(_BYTES_AT_ONCE):
+                size += len(block)
+    except (EOFError, gzip.BadGzipFile, zlib.error):
+        return 0
+    return size
