@@ -1,0 +1,338 @@
+"""Compiled loops of the projection: rays through deformed voxels, and what they need.
+
+Everything here is in grid units. The *grid* is that of the inverse map (compression frame); its
+nodes carry four numbers: the fractional voxel of the phantom that came to lie there, counted so
+that voxel i covers [i, i + 1), and the density that compression leaves. A node where no tissue
+came to lie holds NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim._jit import kernel, parallel_kernel
+
+Floats = NDArray[np.float64]
+Nodes = NDArray[np.float32]
+Labels = NDArray[np.uint8]
+
+Place = tuple[float, float, float, float]
+"""A fractional voxel x, y, z and the density there."""
+
+_NOWHERE = (math.nan, math.nan, math.nan, math.nan)
+_SKIN = 1e-6
+
+# Two-point Gauss rule on [0, 1]: exact for the volume of a trilinear cell, whose determinant is
+# quadratic in each coordinate.
+_GAUSS = (0.5 - 0.5 / math.sqrt(3.0), 0.5 + 0.5 / math.sqrt(3.0))
+
+
+class Beam(NamedTuple):
+    """The rays of one view in grid units.
+
+    `spot_u`, `spot_v`, `spot_k` is the focal spot as a fractional node; `planes_to_detector` the
+    height of the spot above the detector in grid planes; `first_plane` the lowest plane that is
+    not below the detector; `spacing` the grid's spacing in mm; `row_v` and `column_u` where the
+    rows and columns of pixels lie on the detector, as fractional nodes.
+    """
+
+    spot_u: float
+    spot_v: float
+    spot_k: float
+    planes_to_detector: float
+    first_plane: int
+    spacing: Floats
+    row_v: Floats
+    column_u: Floats
+
+
+class Voxels(NamedTuple):
+    """The phantom's labels, run together, and the channel that each label is added to.
+
+    Labels that are not wanted go to a channel behind the last.
+    """
+
+    labels: Labels
+    size_x: int
+    size_y: int
+    size_z: int
+    channel_of_label: NDArray[np.int64]
+
+
+@parallel_kernel
+def trace(
+    band_order: NDArray[np.int64],
+    band_rows: int,
+    beam: Beam,
+    nodes: Nodes,
+    voxels: Voxels,
+    out_length: NDArray[np.float32],
+    out_weighted: NDArray[np.float32],
+) -> None:
+    """Lengths of each channel along the ray to each pixel, plain and times density.
+
+    Rows are handled in bands, column by column, so that neighbouring rays meet the voxels that
+    are in the cache; each band writes its own rows.
+    """
+    channels, rows, columns = out_length.shape
+    for turn in numba.prange(band_order.size):
+        sums = np.zeros((channels + 1, 2))
+        first = band_order[turn] * band_rows
+        for column in range(columns):
+            for row in range(first, min(first + band_rows, rows)):
+                slope_u = (beam.column_u[column] - beam.spot_u) / beam.planes_to_detector
+                slope_v = (beam.row_v[row] - beam.spot_v) / beam.planes_to_detector
+                if not _ray(slope_u, slope_v, beam, nodes, voxels, sums):
+                    continue
+                for channel in range(channels):
+                    if sums[channel, 0] > 0.0:
+                        out_length[channel, row, column] = sums[channel, 0]
+                        out_weighted[channel, row, column] = sums[channel, 1]
+                sums[:] = 0.0
+
+
+@kernel
+def _ray(
+    slope_u: float, slope_v: float, beam: Beam, nodes: Nodes, voxels: Voxels, sums: Floats
+) -> bool:
+    """Add one ray's lengths to `sums`; tell whether it met the breast's surroundings at all.
+
+    On plane k the ray is at u = spot_u + slope_u (spot_k - k), and so for v.
+    """
+    nu, nv, nk, _ = nodes.shape
+    low, high = float(beam.first_plane), min(nk - 1.0, beam.spot_k)
+    low, high = _within(beam.spot_u, slope_u, beam.spot_k, nu - 1.0, low, high)
+    low, high = _within(beam.spot_v, slope_v, beam.spot_k, nv - 1.0, low, high)
+    bottom, top = math.ceil(low), math.floor(high)
+    du, dv, dk = beam.spacing[0], beam.spacing[1], beam.spacing[2]
+    length = math.sqrt((slope_u * du) ** 2 + (slope_v * dv) ** 2 + dk**2)
+    met = False
+    before = _NOWHERE
+    for k in range(bottom, top + 1):
+        height = beam.spot_k - k
+        here = _cross(nodes, beam.spot_u + slope_u * height, beam.spot_v + slope_v * height, k)
+        if not (math.isnan(here[0]) or math.isnan(before[0])):
+            _segment(before, here, length, voxels, sums)
+            met = True
+        before = here
+    return met
+
+
+@kernel
+def _within(
+    spot: float, slope: float, spot_k: float, last: float, low: float, high: float
+) -> tuple[float, float]:
+    """The part of [low, high] in k where 0 <= spot + slope (spot_k - k) <= last."""
+    if slope == 0.0:
+        return (low, high) if 0.0 <= spot <= last else (0.0, -1.0)
+    at_zero = spot_k + spot / slope
+    at_last = spot_k + (spot - last) / slope
+    return max(low, min(at_zero, at_last)), min(high, max(at_zero, at_last))
+
+
+@kernel
+def _cross(nodes: Nodes, u: float, v: float, k: int) -> Place:
+    """Bilinear value of the nodes on plane k; NaN where a corner has none."""
+    i = min(max(int(u), 0), nodes.shape[0] - 2)
+    j = min(max(int(v), 0), nodes.shape[1] - 2)
+    a, b = np.uint64(i), np.uint64(j)
+    a1, b1, c = np.uint64(i + 1), np.uint64(j + 1), np.uint64(k)
+    fu, fv = u - i, v - j
+    w00, w01 = (1.0 - fu) * (1.0 - fv), (1.0 - fu) * fv
+    w10, w11 = fu * (1.0 - fv), fu * fv
+    n00, n01, n10, n11 = nodes[a, b, c], nodes[a, b1, c], nodes[a1, b, c], nodes[a1, b1, c]
+    return (
+        w00 * n00[0] + w01 * n01[0] + w10 * n10[0] + w11 * n11[0],
+        w00 * n00[1] + w01 * n01[1] + w10 * n10[1] + w11 * n11[1],
+        w00 * n00[2] + w01 * n01[2] + w10 * n10[2] + w11 * n11[2],
+        w00 * n00[3] + w01 * n01[3] + w10 * n10[3] + w11 * n11[3],
+    )
+
+
+@kernel
+def _segment(start: Place, end: Place, length: float, voxels: Voxels, sums: Floats) -> None:
+    """Add a straight segment's lengths, voxel by voxel, to the channels of the voxels' labels.
+
+    `length` is the segment's length in the compressed breast, mm. Traversal of Amanatides and Woo
+    1987 (Eurographics): `t_x`, `t_y`, `t_z` are where the segment, run over t = 0 to 1, leaves the
+    voxel along each axis; the smallest comes next. Voxels of one label in a row are added at once.
+    """
+    t_in, t_out = _inside(start[0], end[0], voxels.size_x, 0.0, 1.0)
+    t_in, t_out = _inside(start[1], end[1], voxels.size_y, t_in, t_out)
+    t_in, t_out = _inside(start[2], end[2], voxels.size_z, t_in, t_out)
+    if not t_in < t_out:
+        return
+    x, t_x, delta_x, step_x = _enter(start[0], end[0], voxels.size_x, t_in)
+    y, t_y, delta_y, step_y = _enter(start[1], end[1], voxels.size_y, t_in)
+    z, t_z, delta_z, step_z = _enter(start[2], end[2], voxels.size_z, t_in)
+    step_x *= voxels.size_y * voxels.size_z
+    step_y *= voxels.size_z
+    at = (x * voxels.size_y + y) * voxels.size_z + z
+    weighted = 0.5 * (start[3] + end[3]) * length
+    label = voxels.labels[np.uint64(at)]
+    since = t_in
+    while True:
+        if t_z < t_y and t_z < t_x:
+            t = t_z
+            t_z += delta_z
+            at += step_z
+        elif t_y < t_x:
+            t = t_y
+            t_y += delta_y
+            at += step_y
+        else:
+            t = t_x
+            t_x += delta_x
+            at += step_x
+        if t >= t_out:
+            break
+        following = voxels.labels[np.uint64(at)]
+        if following != label:
+            channel = voxels.channel_of_label[label]
+            sums[channel, 0] += (t - since) * length
+            sums[channel, 1] += (t - since) * weighted
+            label = following
+            since = t
+    channel = voxels.channel_of_label[label]
+    sums[channel, 0] += (t_out - since) * length
+    sums[channel, 1] += (t_out - since) * weighted
+
+
+@kernel
+def _inside(start: float, end: float, size: int, t_in: float, t_out: float) -> tuple[float, float]:
+    """The part of [t_in, t_out] where start + t (end - start) lies within the array.
+
+    The array is taken a millionth of a voxel smaller on each side, so that rounding never lets
+    the segment step out of it.
+    """
+    low, high = _SKIN, size - _SKIN
+    if low <= start <= high and low <= end <= high:
+        return t_in, t_out
+    if start == end:
+        return 1.0, 0.0
+    at_low = (low - start) / (end - start)
+    at_high = (high - start) / (end - start)
+    return max(t_in, min(at_low, at_high)), min(t_out, max(at_low, at_high))
+
+
+@kernel
+def _enter(start: float, end: float, size: int, t_in: float) -> tuple[int, float, float, int]:
+    """First voxel along one axis, t at which it is left, t that a voxel takes, and the step."""
+    change = end - start
+    voxel = min(max(int(start + t_in * change), 0), size - 1)
+    if change > 0.0:
+        rate = 1.0 / change
+        return voxel, (voxel + 1 - start) * rate, rate, 1
+    if change < 0.0:
+        rate = 1.0 / change
+        return voxel, (voxel - start) * rate, -rate, -1
+    return voxel, math.inf, math.inf, 0
+
+
+@parallel_kernel
+def measure_cells(
+    nodes: Nodes, labels: Labels, out_density: Floats, out_tissue: NDArray[np.uint8]
+) -> None:
+    """Volume ratio (original to compressed) and tissue samples of each cell of the grid.
+
+    `out_density` [x, y, z] gets the determinant of the nodes' gradient averaged over the cell, in
+    voxels per cell, NaN where a corner is missing; `out_tissue` [x, y, z] how many of the eight
+    points of the Gauss rule fall on tissue.
+    """
+    nu, nv, nk = out_density.shape
+    for i in numba.prange(nu):
+        gradient = np.empty((3, 3))
+        place = np.empty(3)
+        for j in range(nv):
+            for k in range(nk):
+                corners = nodes[i : i + 2, j : j + 2, k : k + 2]
+                total = 0.0
+                inside = 0
+                for point in range(8):
+                    fu, fv, fk = _GAUSS[point // 4], _GAUSS[point // 2 % 2], _GAUSS[point % 2]
+                    _trilinear(corners, fu, fv, fk, place, gradient)
+                    total += _determinant(gradient)
+                    inside += _label_at(place, labels) != 0
+                out_density[i, j, k] = total / 8.0
+                out_tissue[i, j, k] = inside
+
+
+@kernel
+def _trilinear(
+    corners: Nodes, fu: float, fv: float, fk: float, out_place: Floats, out_gradient: Floats
+) -> None:
+    """Voxel (3,) at (fu, fv, fk) in [0, 1]^3 of a cell and its gradient [node, voxel axis]."""
+    out_place[:] = 0.0
+    out_gradient[:] = 0.0
+    for a in range(2):
+        wa = fu if a else 1.0 - fu
+        for b in range(2):
+            wb = fv if b else 1.0 - fv
+            for c in range(2):
+                wc = fk if c else 1.0 - fk
+                for part in range(3):
+                    value = corners[a, b, c, part]
+                    out_place[part] += wa * wb * wc * value
+                    out_gradient[0, part] += (2 * a - 1) * wb * wc * value
+                    out_gradient[1, part] += wa * (2 * b - 1) * wc * value
+                    out_gradient[2, part] += wa * wb * (2 * c - 1) * value
+
+
+@kernel
+def _determinant(m: Floats) -> float:
+    """Determinant of a 3 x 3 matrix."""
+    return (
+        m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+        - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
+        + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+    )
+
+
+@kernel
+def _label_at(place: Floats, labels: Labels) -> int:
+    """Label of the voxel at `place`; air outside the array and where `place` is NaN."""
+    nx, ny, nz = labels.shape
+    x, y, z = place[0], place[1], place[2]
+    if not (0.0 <= x < nx and 0.0 <= y < ny and 0.0 <= z < nz):
+        return 0
+    return int(labels[int(x), int(y), int(z)])
+
+
+@parallel_kernel
+def carry_labels(
+    axis_u: Floats, axis_v: Floats, axis_k: Floats, nodes: Nodes, labels: Labels, out_labels: Labels
+) -> None:
+    """Label that came to lie at each point of a regular grid.
+
+    `axis_u`, `axis_v`, `axis_k` are the points' coordinates as fractional nodes, none outside the
+    grid. The nodes are interpolated trilinearly; air where a corner is missing.
+    """
+    nk = nodes.shape[2]
+    for a in numba.prange(axis_u.size):
+        line = np.empty((nk, 3))
+        place = np.empty(3)
+        for b in range(axis_v.size):
+            for k in range(nk):
+                here = _cross(nodes, axis_u[a], axis_v[b], k)
+                line[k, 0], line[k, 1], line[k, 2] = here[0], here[1], here[2]
+            for c in range(axis_k.size):
+                k = min(int(axis_k[c]), nk - 2)
+                fk = axis_k[c] - k
+                for part in range(3):
+                    place[part] = (1.0 - fk) * line[k, part] + fk * line[k + 1, part]
+                out_labels[a, b, c] = _label_at(place, labels)
+
+
+@parallel_kernel
+def planes_of_labels(labels: Labels, out_present: NDArray[np.bool_]) -> None:
+    """Mark in `out_present` [x, 256] which labels occur in each x plane."""
+    nx, ny, nz = labels.shape
+    for x in numba.prange(nx):
+        for y in range(ny):
+            for z in range(nz):
+                out_present[x, labels[x, y, z]] = True
