@@ -56,10 +56,19 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield part
         os.replace(part, path)
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(f"{path}: cannot be written ({reason})") from error
+        raise InputError(f"{path}: cannot be written ({_reason(error)})") from error
     finally:
         _remove(part)
+
+
+def _reason(error: OSError) -> str:
+    """The operating system's own words, also where a library has wrapped them in its own."""
+    link: BaseException | None = error
+    while link is not None:
+        if isinstance(link, OSError) and link.strerror:
+            return link.strerror
+        link = link.__cause__ or link.__context__
+    return str(error).splitlines()[0]
 
 
 def _remove(part: Path) -> None:

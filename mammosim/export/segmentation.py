@@ -63,8 +63,9 @@ def write_segmentation(
     description and in its Tracking ID in any case.
     """
     view = mammogram.gantry.view
+    source = mammogram_dataset(mammogram, "presentation", study, settings)
     segmentation = hd.seg.Segmentation(
-        source_images=[mammogram_dataset(mammogram, "presentation", study, settings)],
+        source_images=[source],
         pixel_array=np.stack([lesion.mask for lesion in masks], axis=-1)[np.newaxis],
         segmentation_type=hd.seg.SegmentationTypeValues.BINARY,
         segment_descriptions=[
@@ -78,6 +79,10 @@ def write_segmentation(
         manufacturer_model_name="mammosim",
         software_versions=software_version(),
         device_serial_number="simulated",
+        # A projection has no slices; readers ask for a thickness all the same.
+        pixel_measures=hd.PixelMeasuresSequence(
+            pixel_spacing=source.PixelSpacing, slice_thickness=mammogram.thickness_mm
+        ),
         content_label="LESIONS",
         content_description="Where each simulated lesion projects",
         # highdicom wants one frame at least, and keeps empty ones if it is told to.

@@ -46,6 +46,11 @@ class ExportSettings(Settings):
 
 def _is_date(text: str) -> bool:
     try:
-        return len(text) == 8 and text.isdigit() and bool(datetime.strptime(text, "%Y%m%d"))
+        return (
+            len(text) == 8
+            and text.isascii()
+            and text.isdigit()
+            and bool(datetime.strptime(text, "%Y%m%d"))
+        )
     except ValueError:
         return False
