@@ -1,0 +1,32 @@
+"""Continuation of a displacement field from tissue into the air around it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.compression._continuation_kernels import continue_one_layer
+
+
+def continued(
+    field: NDArray[np.floating], tissue: NDArray[np.bool_], layers: int
+) -> NDArray[np.floating]:
+    """Copy of a field in which air near tissue moves as the tissue beside it.
+
+    Parameters
+    ----------
+    field : ndarray, [component, x, y, z]
+    tissue : ndarray of bool, [x, y, z]
+        Where the field is known.
+    layers : int
+        How many layers of nodes into the air; beyond them the copy is 0.
+
+    Returns
+    -------
+    ndarray, [component, x, y, z]
+    """
+    copy = np.where(tissue, field, field.dtype.type(0.0))
+    layer = tissue.astype(np.int32)
+    for number in range(2, layers + 2):
+        continue_one_layer(copy, layer, number)
+    return copy

@@ -1,0 +1,18 @@
+"""The spring model: every voxel a node, tied to its 26 neighbours."""
+
+from mammosim.compression.springs.deviation import remaining_deviation
+from mammosim.compression.springs.equilibrium import solve
+from mammosim.compression.springs.problem import SpringProblem, SpringState
+from mammosim.compression.springs.relaxation import relax
+
+SPRING_SOLVERS = {"multigrid": solve, "relaxation": relax}
+"""Solvers of the spring model by the name a configuration gives them."""
+
+__all__ = [
+    "SPRING_SOLVERS",
+    "SpringProblem",
+    "SpringState",
+    "relax",
+    "remaining_deviation",
+    "solve",
+]

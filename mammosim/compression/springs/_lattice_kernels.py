@@ -1,0 +1,194 @@
+"""Kernels on the spring lattice itself: springs are never stored, only the nodes' moduli.
+
+Arrays are [x, y, z] with one layer of air around, so that every node has 26 neighbours in memory;
+air has modulus 0 and thereby springs of stiffness 0. ``span[i, j]`` holds the first and one past
+the last z index with tissue in a column; kernels visit only that. The stiffness of a spring is
+``min(E(n), E(m))``; `u` is one component of the displacement in lattice units. Indices along z are
+unsigned, which spares the compiler the test for negative ones and lets it vectorise.
+"""
+
+import numpy as np
+from numba import prange
+
+from mammosim._jit import contracting_kernel, contracting_parallel_kernel, parallel_kernel
+
+_ONE = np.uint64(1)
+
+
+@contracting_kernel
+def _column_residual(modulus, u, load, i, j, first, last, out):
+    """``out = load + sum over 26 springs of w (u_m - u_n)`` for one column."""
+    own = modulus[i, j]
+    here = u[i, j]
+    column_load = load[i, j]
+    for k in range(first, last):
+        out[k] = column_load[k]
+    for di in range(-1, 2):
+        for dj in range(-1, 2):
+            other = modulus[i + di, j + dj]
+            there = u[i + di, j + dj]
+            for k in range(first, last):
+                e = own[k]
+                below = other[k - _ONE]
+                level = other[k]
+                above = other[k + _ONE]
+                below = below if below < e else e
+                level = level if level < e else e
+                above = above if above < e else e
+                out[k] += (
+                    below * (there[k - _ONE] - here[k])
+                    + level * (there[k] - here[k])
+                    + above * (there[k + _ONE] - here[k])
+                )
+
+
+@contracting_parallel_kernel
+def lattice_residual(modulus, span, free, u, load, out):
+    """``out = free * (load - A u)``: net force on each free node, lattice units x kPa."""
+    for i in prange(1, u.shape[0] - 1):
+        for j in range(1, u.shape[1] - 1):
+            first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
+            if first < last:
+                row = out[i, j]
+                _column_residual(modulus, u, load, i, j, first, last, row)
+                mask = free[i, j]
+                for k in range(first, last):
+                    row[k] *= mask[k]
+
+
+@contracting_parallel_kernel
+def lattice_smooth(modulus, span, inverse_diagonal, u, load, keep, gain, direction, out):
+    """One Chebyshev step: ``direction = keep direction + gain D^-1 (load - A u)``, ``out = u +``.
+
+    `inverse_diagonal` is 0 where a node may not move.
+    """
+    for i in prange(1, u.shape[0] - 1):
+        force = np.empty(u.shape[2], u.dtype)
+        for j in range(1, u.shape[1] - 1):
+            first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
+            if first < last:
+                _column_residual(modulus, u, load, i, j, first, last, force)
+                here, row = u[i, j], out[i, j]
+                step, scale = direction[i, j], inverse_diagonal[i, j]
+                for k in range(first, last):
+                    step[k] = keep * step[k] + gain * scale[k] * force[k]
+                    row[k] = here[k] + step[k]
+
+
+@parallel_kernel
+def lattice_diagonal(modulus, span, out):
+    """``out = sum of the stiffness of the 26 springs of each tissue node``, 0 in air."""
+    for i in prange(1, modulus.shape[0] - 1):
+        for j in range(1, modulus.shape[1] - 1):
+            first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
+            own, row = modulus[i, j], out[i, j]
+            for k in range(first, last):
+                row[k] = -own[k]
+            for di in range(-1, 2):
+                for dj in range(-1, 2):
+                    other = modulus[i + di, j + dj]
+                    for k in range(first, last):
+                        row[k] += (
+                            min(own[k], other[k - _ONE])
+                            + min(own[k], other[k])
+                            + min(own[k], other[k + _ONE])
+                        )
+
+
+@parallel_kernel
+def cell_stretch(modulus, z_displacement, out):
+    """In-plane stretch 1/sqrt(lambda) of each cell; 0 where a cell takes no part.
+
+    Cell [i, j, k] lies between nodes [i, j, k] and [i+1, j+1, k+1]; lambda is the mean of
+    z_upper - z_lower over those of its four z-edges whose two nodes are tissue, at least 0.1.
+    """
+    nx, ny, nz = modulus.shape
+    for i in prange(nx - 1):
+        for j in range(ny - 1):
+            for k in range(nz - 1):
+                total = 0.0
+                edges = 0
+                for di in range(2):
+                    for dj in range(2):
+                        if modulus[i + di, j + dj, k] > 0.0 and modulus[i + di, j + dj, k + 1] > 0.0:
+                            total += (
+                                1.0
+                                + z_displacement[i + di, j + dj, k + 1]
+                                - z_displacement[i + di, j + dj, k]
+                            )
+                            edges += 1
+                out[i, j, k] = 1.0 / np.sqrt(max(total / edges, 0.1)) if edges > 0 else 0.0
+
+
+@parallel_kernel
+def stretch_loads(modulus, span, stretch, out_x, out_y):
+    """Loads along x and y of springs that are longer than at rest by the stretch S - 1.
+
+    The spring to neighbour (a, b, c) has S, the mean of `stretch` over the participating cells
+    that contain both nodes (1 where there is none), and pulls n with w a (1 - S) along x.
+    """
+    for i in prange(1, modulus.shape[0] - 1):
+        for j in range(1, modulus.shape[1] - 1):
+            for k in range(span[i, j, 0], span[i, j, 1]):
+                own = modulus[i, j, k]
+                load_x = 0.0
+                load_y = 0.0
+                for a in range(-1, 2):
+                    for b in range(-1, 2):
+                        if own == 0.0 or (a == 0 and b == 0):
+                            continue
+                        for c in range(-1, 2):
+                            w = min(own, modulus[i + a, j + b, k + c])
+                            if w > 0.0:
+                                change = w * (1.0 - _spring_stretch(stretch, i, j, k, a, b, c))
+                                load_x += a * change
+                                load_y += b * change
+                out_x[i, j, k] = load_x
+                out_y[i, j, k] = load_y
+
+
+@contracting_kernel
+def _spring_stretch(stretch, i, j, k, a, b, c):
+    """Mean stretch of the participating cells that contain node n and its neighbour (a, b, c)."""
+    total = 0.0
+    cells = 0
+    for ci in range(i - (a <= 0), i + (a >= 0)):
+        for cj in range(j - (b <= 0), j + (b >= 0)):
+            for ck in range(k - (c <= 0), k + (c >= 0)):
+                if stretch[ci, cj, ck] > 0.0:
+                    total += stretch[ci, cj, ck]
+                    cells += 1
+    return total / cells if cells > 0 else 1.0
+
+
+@parallel_kernel
+def update_contact(u, force, diagonal, free, bounded, axis, lower, upper, contact):
+    """Set which nodes an obstacle holds, and put them on it.
+
+    Along `axis` a free node where `bounded` is true must keep ``lower <= rest + u <= upper``,
+    `rest` being its index. It is held where its local equilibrium, ``u + force / diagonal``, lies
+    beyond. `contact` becomes -1 (at `lower`), 0 or 1 (at `upper`).
+
+    Returns
+    -------
+    int
+        Number of nodes whose state changed.
+    """
+    changes = np.zeros(u.shape[0], np.int64)
+    for i in prange(1, u.shape[0] - 1):
+        for j in range(1, u.shape[1] - 1):
+            for k in range(1, u.shape[2] - 1):
+                state = 0
+                if bounded[i, j, k] and free[i, j, k] > 0.0 and diagonal[i, j, k] > 0.0:
+                    rest = i if axis == 0 else (j if axis == 1 else k)
+                    place = rest + u[i, j, k] + force[i, j, k] / diagonal[i, j, k]
+                    if place > upper:
+                        state = 1
+                        u[i, j, k] = upper - rest
+                    elif place < lower:
+                        state = -1
+                        u[i, j, k] = lower - rest
+                if state != contact[i, j, k]:
+                    changes[i] += 1
+                    contact[i, j, k] = state
+    return changes.sum()

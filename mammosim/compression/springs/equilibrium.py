@@ -1,0 +1,235 @@
+"""The `multigrid` solver: equilibrium of the spring lattice as one obstacle problem.
+
+The equation along z contains neither x nor y, except for which nodes lie between the plates; with
+z known, those along x and y are linear. The plates are an obstacle along z, the chest wall one
+along x; which nodes they hold is found by the primal-dual active set method (Hintermueller, Ito &
+Kunisch 2003, SIAM J. Optim. 13:865), monotone here because the operator is an M-matrix. A lattice
+of half the resolution, solved first, gives the start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.compression.springs import _lattice_kernels as lattice
+from mammosim.compression.springs import _vector_kernels as vectors
+from mammosim.compression.springs.multigrid import LatticeLevel, Multigrid, conjugate_gradients
+from mammosim.compression.springs.problem import CHEST_WALL_INDEX, SpringProblem, SpringState
+from mammosim.compression.springs.resolution import Displacement, coarsened, interpolated
+
+HISTORY = np.dtype(
+    [
+        ("iteration", np.int32),
+        ("nodes", np.int64),
+        ("axis", "U1"),
+        ("error_estimate_voxel", np.float64),
+        ("nodes_held", np.int64),
+    ]
+)
+
+SMALLEST_START = 20_000
+"""A lattice with no more tissue nodes than this starts from rest, not from a coarser one."""
+
+COARSE_TOLERANCE = 0.02
+"""Of a lattice that only gives a start, its own units: below what its coarseness costs."""
+
+REDUCTION = 0.05
+"""Part of the error that one axis keeps in a round: one step or two of conjugate gradients."""
+
+STALE_PART = 0.1
+"""Of the held nodes may change before the coarse operators are made anew."""
+
+MAX_ROUNDS = 80
+"""Over z, x and y, while nodes touch the plates and slide under their edge; 10 to 20 are usual."""
+
+START_ROUNDS = 8
+"""Of a lattice that only gives a start."""
+
+
+def solve(
+    problem: SpringProblem,
+    tolerance: float = 1e-3,
+    start: SpringState | None = None,
+    watch: Callable[[np.void], None] | None = None,
+) -> SpringState:
+    """Equilibrium of the lattice.
+
+    Parameters
+    ----------
+    problem : SpringProblem
+    tolerance : float
+        Largest estimated distance of a node from equilibrium, lattice units.
+    start : SpringState, optional
+        Where to start from; otherwise a lattice of half the resolution is solved first.
+    watch : callable, optional
+        Called with each row of the history.
+
+    Returns
+    -------
+    SpringState
+    """
+    return _solve(problem, tolerance, MAX_ROUNDS, start, watch)
+
+
+def _solve(
+    problem: SpringProblem,
+    tolerance: float,
+    max_rounds: int,
+    start: SpringState | None,
+    watch: Callable[[np.void], None] | None,
+) -> SpringState:
+    run = _Run(problem, tolerance, max_rounds, watch)
+    if start is not None:
+        ux, uy, uz = (np.array(u, dtype=np.float64) for u in start.displacement)
+        displacement = (ux, uy, uz)
+    elif np.count_nonzero(problem.modulus) > SMALLEST_START:
+        coarse = coarsened(problem)
+        half = _solve(coarse, max(tolerance, COARSE_TOLERANCE), START_ROUNDS, None, watch)
+        run.rows.extend(half.history)
+        displacement = interpolated(half.displacement, coarse.tissue, problem)
+    else:
+        at_rest = np.zeros(problem.modulus.shape)
+        displacement = (at_rest, at_rest.copy(), at_rest.copy())
+    return run.to_equilibrium(displacement)
+
+
+@dataclass(eq=False)
+class _Run:
+    """One call of `solve`: the operator that all axes share, and the history."""
+
+    problem: SpringProblem
+    tolerance: float
+    max_rounds: int
+    watch: Callable[[np.void], None] | None
+    rows: list[np.void] = field(default_factory=list)
+
+    def to_equilibrium(self, displacement: Displacement) -> SpringState:
+        """Bring a displacement to equilibrium, in place."""
+        ux, uy, uz = displacement
+        problem = self.problem
+        span, diagonal = problem.span(), np.zeros_like(problem.modulus)
+        lattice.lattice_diagonal(problem.modulus, span, diagonal)
+        free = (problem.tissue & ~problem.fixed).astype(np.float32)
+        level = LatticeLevel(problem.modulus, span, diagonal, free)
+        along_x, along_y, along_z = (_Axis(level, np.zeros(ux.shape)) for _ in range(3))
+        plates, stretch = _UnderPlates(problem, ux), np.zeros(ux.shape)
+        converged, error = False, np.inf
+        for _ in range(self.max_rounds):
+            held, errors = plates.settled, []
+            for axis, u, direction, bounded, lower, upper in (
+                (along_z, uz, 2, plates.nodes, problem.lower, problem.upper),
+                (along_x, ux, 0, problem.tissue, CHEST_WALL_INDEX, np.inf),
+                (along_y, uy, 1, problem.tissue, -np.inf, np.inf),
+            ):
+                changes = axis.hold(u, direction, bounded, lower, upper)
+                errors.append(self._balance(axis, u))
+                self._note("xyz"[direction], errors[-1], axis)
+                held &= changes == 0
+                if axis is along_z:
+                    lattice.cell_stretch(problem.modulus, uz, stretch)
+                    lattice.stretch_loads(
+                        problem.modulus, span, stretch, along_x.load, along_y.load
+                    )
+            error = max(errors)
+            if held and error <= self.tolerance:
+                converged = True
+                break
+            plates.follow(ux)
+        return SpringState((ux, uy, uz), converged, error, np.array(self.rows, HISTORY))
+
+    def _balance(self, axis: _Axis, u: NDArray[np.float64]) -> float:
+        """Move one axis towards equilibrium; returns the error estimate that is left."""
+        correction, error = conjugate_gradients(
+            axis.multigrid, axis.force.astype(np.float32), 0.5 * self.tolerance, REDUCTION, 3
+        )
+        vectors.add_scaled(1.0, correction, u)
+        return error
+
+    def _note(self, name: str, error: float, axis: _Axis) -> None:
+        nodes = np.count_nonzero(self.problem.modulus)
+        row = np.array((len(self.rows), nodes, name, error, axis.held), HISTORY)[()]
+        self.rows.append(row)
+        if self.watch is not None:
+            self.watch(row)
+
+
+class _UnderPlates:
+    """Which nodes lie between the plates, by their current x.
+
+    A node near the plates' edge may be pulled out from between them by what they do to it, and
+    back in by what they then do not: for such a node no equilibrium exists. One that returns is
+    therefore held between the plates for good, so that nothing ever passes through them.
+    """
+
+    def __init__(self, problem: SpringProblem, ux: NDArray[np.float64]) -> None:
+        self._problem = problem
+        self._left = np.zeros(ux.shape, bool)
+        self._returned = np.zeros(ux.shape, bool)
+        self.nodes = self._beyond_edge(ux)
+        self.settled = False
+
+    def follow(self, ux: NDArray[np.float64]) -> None:
+        """Update the set after the nodes have moved."""
+        beyond = self._beyond_edge(ux)
+        self._returned |= beyond & self._left
+        self._left |= self.nodes & ~beyond
+        now = beyond | self._returned
+        self.settled = bool(np.array_equal(now, self.nodes))
+        self.nodes = now
+
+    def _beyond_edge(self, ux: NDArray[np.float64]) -> NDArray[np.bool_]:
+        index = np.arange(ux.shape[0], dtype=np.float64)[:, None, None]
+        return (index + ux > self._problem.edge) & self._problem.tissue
+
+
+class _Axis:
+    """One component: its load, the nodes an obstacle holds, and the multigrid without them."""
+
+    def __init__(self, base: LatticeLevel, load: NDArray[np.float64]) -> None:
+        self._base = base
+        self._contact = np.zeros(load.shape, np.int8)
+        self.load = load
+        self.force = np.zeros(load.shape)
+        self.held = 0
+        self.multigrid = Multigrid(base)
+
+    def hold(
+        self,
+        u: NDArray[np.float64],
+        direction: int,
+        bounded: NDArray[np.bool_],
+        lower: float,
+        upper: float,
+    ) -> int:
+        """Find the nodes that an obstacle holds, and the force on all others.
+
+        A few changes are left to the finest level: coarse operators that are a little out of date
+        precondition as well.
+
+        Returns
+        -------
+        int
+            How many nodes came under an obstacle's hold or left it.
+        """
+        base = self._base
+        base.residual(u, self.load, self.force)
+        changes = int(
+            lattice.update_contact(
+                u, self.force, base.diagonal, base.free, bounded, direction, lower, upper,
+                self._contact,
+            )
+        )  # fmt: skip
+        if changes:
+            self.held = int(np.count_nonzero(self._contact))
+            free = base.free * (self._contact == 0)
+            finest = LatticeLevel(base.modulus, base.span, base.diagonal, free)
+            if changes > STALE_PART * self.held:
+                self.multigrid = Multigrid(finest)
+            else:
+                self.multigrid.replace_finest(finest)
+        self.multigrid.finest.residual(u, self.load, self.force)
+        return changes

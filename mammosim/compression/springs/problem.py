@@ -1,0 +1,78 @@
+"""The equilibrium problem of the spring lattice, in lattice units, and the state of its nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+CHEST_WALL_INDEX = 1
+"""x index of the first tissue layer: arrays have one layer of air around."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpringProblem:
+    """What the springs must balance.
+
+    Places are in lattice units, indices of the padded arrays being the places at rest.
+
+    Parameters
+    ----------
+    modulus : ndarray of float32, [x, y, z]
+        Modulus of each node, kPa; 0 in air, of which there is one layer all around.
+    fixed : ndarray of bool, [x, y, z]
+        Nodes that are held: the chest-wall layer, and muscle where it is fixed.
+    lower, upper : float
+        z of the faces of breast support and paddle.
+    edge : float
+        x of the plates' edge: a node beyond it lies between the plates.
+    """
+
+    modulus: NDArray[np.float32]
+    fixed: NDArray[np.bool_]
+    lower: float
+    upper: float
+    edge: float
+
+    @property
+    def tissue(self) -> NDArray[np.bool_]:
+        """Nodes that are tissue."""
+        return self.modulus > 0.0
+
+    def span(self) -> NDArray[np.int32]:
+        """First and one past the last z index with tissue in each column, [x, y, 2]."""
+        tissue = self.tissue
+        span = np.zeros((*tissue.shape[:2], 2), np.int32)
+        some = tissue.any(axis=2)
+        span[..., 0] = np.where(some, tissue.argmax(axis=2), 0)
+        span[..., 1] = np.where(some, tissue.shape[2] - tissue[:, :, ::-1].argmax(axis=2), 0)
+        return span
+
+    def released(self) -> SpringProblem:
+        """The same lattice with the plates taken away."""
+        return SpringProblem(self.modulus, self.fixed, -np.inf, np.inf, np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class SpringState:
+    """Where the nodes are, how they came there, and what is left to do.
+
+    Parameters
+    ----------
+    displacement : tuple of three ndarray of float64, [x, y, z]
+        Displacement along x, y, z, lattice units.
+    converged : bool
+    error : float
+        Estimate of the largest (multigrid) or mean (relaxation) distance from equilibrium,
+        lattice units.
+    history : ndarray, structured
+        One row an iteration.
+    interrupted : bool
+    """
+
+    displacement: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+    converged: bool
+    error: float
+    history: NDArray[np.void]
+    interrupted: bool = False

@@ -1,0 +1,96 @@
+"""The `relaxation` solver: the thesis' own iteration, compiled, sequential and seeded.
+
+Each sweep visits all nodes in a random order of x, y and z and moves each to its local
+equilibrium. It stops where the mean |dx|, |dy| and |dz| of the nodes between the plates that touch
+neither are each below a limit. The printed listing lets a node that starts outside the gap pass
+through the plates, which makes the result depend on the path; here no node does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mammosim.compression.springs._relaxation_kernels import sweep
+from mammosim.compression.springs.deviation import remaining_deviation
+from mammosim.compression.springs.problem import CHEST_WALL_INDEX, SpringProblem, SpringState
+from mammosim.compression.springs.series_start import series_start
+
+THESIS_LIMIT = 1e-4
+"""Mean displacement of a node in a sweep at which the thesis stops, lattice units."""
+
+HISTORY = np.dtype(
+    [
+        ("sweep", np.int32),
+        ("sum_dx_voxel", np.float64),
+        ("sum_dy_voxel", np.float64),
+        ("sum_dz_voxel", np.float64),
+        ("nodes_counted", np.int64),
+    ]
+)
+
+
+def relax(
+    problem: SpringProblem,
+    limit: float = THESIS_LIMIT,
+    max_sweeps: int = 20_000,
+    seed: int = 1,
+    start: SpringState | None = None,
+    watch: Callable[[np.void], None] | None = None,
+) -> SpringState:
+    """Relax the lattice as the thesis does.
+
+    Parameters
+    ----------
+    problem : SpringProblem
+    limit : float
+        Mean |dx|, |dy| and |dz| below which it stops, lattice units a sweep.
+    max_sweeps : int
+    seed : int
+        Of the visiting order.
+    start : SpringState, optional
+        Where to start from; otherwise springs in series (section 2.7).
+    watch : callable, optional
+        Called with each row of the history. A `KeyboardInterrupt` ends the iteration and keeps
+        what was reached.
+
+    Returns
+    -------
+    SpringState
+        Its error is the estimated mean distance from equilibrium (section 3.4), the largest of
+        the three axes.
+    """
+    rest = np.indices(problem.modulus.shape, dtype=np.float64)
+    displacement = start.displacement if start is not None else series_start(problem)
+    x, y, z = (place + u for place, u in zip(rest, displacement, strict=True))
+    plates = (problem.lower, problem.upper, problem.edge, float(CHEST_WALL_INDEX))
+    if not np.isfinite(problem.edge):  # no plates: every node counts
+        plates = (-np.inf, np.inf, -np.inf, float(CHEST_WALL_INDEX))
+    rng, sums = np.random.default_rng(seed), np.zeros(4)
+    rows: list[np.void] = []
+    converged = interrupted = False
+    try:
+        for number in range(1, max_sweeps + 1):
+            orders = [rng.permutation(np.arange(1, n - 1)) for n in problem.modulus.shape]
+            sweep(problem.modulus, problem.fixed, x, y, z, *orders, plates, sums)
+            row = np.array((number, *sums[:3], int(sums[3])), HISTORY)[()]
+            rows.append(row)
+            if watch is not None:
+                watch(row)
+            converged = bool(np.all(sums[:3] < limit * sums[3])) or not sums[:3].any()
+            if converged:
+                break
+    except KeyboardInterrupt:
+        interrupted = True
+    history = np.array(rows, HISTORY)
+    moved = (x - rest[0], y - rest[1], z - rest[2])
+    return SpringState(moved, converged, _deviation(history), history, interrupted)
+
+
+def _deviation(history: np.ndarray) -> float:
+    if history.size == 0:
+        return float("nan")
+    nodes = int(history["nodes_counted"][-1])
+    each = [remaining_deviation(history[f"sum_d{axis}_voxel"], nodes)[2] for axis in "xyz"]
+    return float(np.nanmax(each)) if np.isfinite(each).any() else float("nan")

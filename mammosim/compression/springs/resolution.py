@@ -1,0 +1,62 @@
+"""The same spring problem at half the resolution, and its solution brought back."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from mammosim.compression.continuation import continued
+from mammosim.compression.springs._stencil_kernels import add_interpolated, restrict
+from mammosim.compression.springs.multigrid import coarse_shape
+from mammosim.compression.springs.problem import SpringProblem
+
+Displacement = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+
+
+def coarsened(problem: SpringProblem) -> SpringProblem:
+    """The problem on every second node, with the mean modulus of the tissue around each.
+
+    Nodes that would hang on nothing are left out.
+    """
+    shape = coarse_shape(problem.modulus.shape)
+    total, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    restrict(problem.modulus, total)
+    restrict(problem.tissue.astype(np.float32), weight)
+    here = tuple(slice(1, 2 * (n - 2), 2) for n in shape)
+    tissue, fixed = np.zeros(shape, bool), np.zeros(shape, bool)
+    for target, source in ((tissue, problem.tissue), (fixed, problem.fixed)):
+        part = source[here]
+        target[tuple(slice(1, 1 + n) for n in part.shape)] = part
+    tissue &= held_together(tissue, fixed)
+    modulus = np.divide(total, weight, out=np.zeros(shape, np.float32), where=tissue)
+    return SpringProblem(
+        modulus,
+        fixed & tissue,
+        (problem.lower + 1.0) / 2.0,
+        (problem.upper + 1.0) / 2.0,
+        (problem.edge + 1.0) / 2.0,
+    )
+
+
+def held_together(tissue: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Tissue that is connected, through 26-neighbours, to a fixed node."""
+    parts, _ = scipy.ndimage.label(tissue, np.ones((3, 3, 3), bool))
+    held = np.zeros(parts.max() + 1, bool)
+    held[np.unique(parts[fixed & tissue])] = True
+    held[0] = False
+    connected: NDArray[np.bool_] = held[parts]
+    return connected
+
+
+def interpolated(coarse: Displacement, coarse_tissue: NDArray[np.bool_], fine: SpringProblem) -> Displacement:
+    """Displacement of a coarse lattice brought to the lattice of `fine`, in its units."""
+    field = continued(np.stack(coarse), coarse_tissue, 2)
+    free = (fine.tissue & ~fine.fixed).astype(np.float64)
+    span = fine.span()
+    result = []
+    for component in field:
+        u = np.zeros(fine.modulus.shape)
+        add_interpolated(2.0 * component, span, free, u)
+        result.append(u)
+    return (result[0], result[1], result[2])
