@@ -1,5 +1,7 @@
 """Laws of projection geometry that need no other program to check against."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from naive.projection import inverse_map, phantom, squeezed, unsqueezed
@@ -37,8 +39,9 @@ def test_chord_of_a_sphere():
     chord = 2.0 * np.sqrt(np.maximum(radius**2 - distance**2, 0.0))
     steep = distance < 0.9 * radius
     error = paths.length_mm.sum(axis=0) - chord
-    # A staircase of voxels: each end of a chord is off by up to half a voxel over the slope.
-    assert np.abs(error[steep]).max() < 2.5 * voxel
+    # A staircase of voxels is within half a voxel's diagonal of the sphere, which either end of a
+    # chord meets at a cosine of at least sqrt(1 - 0.9^2).
+    assert np.abs(error[steep]).max() < 2.0 * 0.5 * np.sqrt(3.0) * voxel / np.sqrt(1.0 - 0.81)
     assert abs(error[steep].mean()) < 0.05 * voxel
 
 
@@ -63,7 +66,9 @@ def test_magnification_is_distance_over_distance(height_mm):
     labels = np.zeros((61, 121, 101), dtype=np.uint8)
     z = round(height_mm / 0.5)
     labels[50, 20, z] = labels[50, 100, z] = GLAND
-    breast = unsqueezed(phantom(labels, 0.5, [0.0, -30.0, 0.0]), plates_mm=(0.0, 50.0))
+    breast = unsqueezed(
+        phantom(labels, 0.5, [0.0, -30.0, 0.0]), spacing_mm=1.0, plates_mm=(0.0, 50.0)
+    )
     paths = project(breast, pixel_mm=0.05, detector_mm=[80.0, 40.0])
     rows = np.flatnonzero(channel(paths, "gland").any(axis=1))
     upper, lower = rows[rows < rows.mean()].mean(), rows[rows > rows.mean()].mean()
@@ -72,7 +77,7 @@ def test_magnification_is_distance_over_distance(height_mm):
     assert (lower - upper) * 0.05 == pytest.approx(40.0 * magnification, abs=0.05)
 
 
-def test_inverse_square_and_parallel_beam_area():
+def test_parallel_beam_sees_a_block_at_its_own_size():
     """From far away the shadow of a block is its own size."""
     labels = np.full((20, 30, 10), ADIPOSE, dtype=np.uint8)
     breast = unsqueezed(phantom(labels, 1.0, [0.5, -14.5, 0.5]))
@@ -87,7 +92,7 @@ def squeezed_block(spacing_mm, original_of, high=(44.0, 34.0, 22.0), **keys):
     rng = np.random.default_rng(4)
     labels = np.where(rng.random((40, 60, 40)) < 0.3, GLAND, ADIPOSE).astype(np.uint8)
     breast = phantom(labels, 1.0, [0.5, -29.5, -19.5])
-    low = (-2.0, -high[1], -high[2])
+    low = (-4.0, -high[1], -high[2])
     return squeezed(breast, inverse_map(original_of, low, high, spacing_mm), **keys)
 
 
@@ -96,7 +101,7 @@ def test_affine_compression_keeps_mass():
     breast = squeezed_block(
         2.0, lambda p: p / stretch, high=(44.0, 36.0, 16.0), plates_mm=(-12.0, 12.0), edge_mm=-1.0
     )
-    keys = dict(pixel_mm=0.25, source_to_detector_mm=1e6, detector_mm=[80.0, 60.0])
+    keys = {"pixel_mm": 0.25, "source_to_detector_mm": 1e6, "detector_mm": [80.0, 60.0]}
     paths = project(breast, **keys)
     labels = breast.phantom.labels
     for order, label in enumerate([ADIPOSE, GLAND]):
@@ -123,29 +128,26 @@ def bent(points):
 
 
 def test_smooth_compression_keeps_mass():
-    breast = squeezed_block(1.0, bent, plates_mm=(-21.0, 21.0), edge_mm=-2.0)
+    breast = squeezed_block(1.0, bent, plates_mm=(-21.0, 21.0), edge_mm=-4.0)
     paths = project(breast, pixel_mm=0.2, source_to_detector_mm=1e6, detector_mm=[80.0, 60.0])
     before = breast.phantom.labels.size
     after = paths.attenuating_mm.sum(dtype=float) * 0.04
     # Second order in the 1 mm grid, and whole pixels at the block's edge.
-    assert after == pytest.approx(before, rel=2e-3)
+    assert after == pytest.approx(before, rel=1e-3)
     assert paths.length_mm.sum(dtype=float) * 0.04 < 0.9 * before
     assert paths.clipped_fraction == 0.0
 
 
 def test_halving_the_grid_converges_with_second_order():
-    keys = dict(pixel_mm=1.0, detector_mm=[80.0, 60.0])
-    plates = dict(plates_mm=(-21.0, 21.0), edge_mm=-1.0)
-    images = [
-        project(squeezed_block(spacing, bent, **plates), **keys).attenuating_mm.astype(float)
-        for spacing in (4.0, 2.0, 1.0, 0.25)
-    ]
-    # Summed over the tissues, away from the block's jagged rim where a ray is in or out.
-    inside = np.s_[:, 20:60, 5:35]
-    errors = [
-        np.sqrt(np.mean((image[inside].sum(axis=0) - images[-1][inside].sum(axis=0)) ** 2))
-        for image in images[:-1]
-    ]
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert (orders > 1.6).all(), (errors, orders)  # second order, less what is left at 0.25 mm
-    assert errors[-1] < 0.02  # mm, of 28 to 40 mm
+    """Successive halvings of the inverse map's spacing change the image by a quarter each."""
+    images = []
+    for spacing in (4.0, 2.0, 1.0, 0.5):
+        breast = squeezed_block(spacing, bent, plates_mm=(-21.0, 21.0), edge_mm=-1.0)
+        paths = project(breast, pixel_mm=1.0, detector_mm=[80.0, 60.0])
+        # Summed over the tissues, away from the block's rim where a ray is in or out.
+        images.append(paths.attenuating_mm[:, 20:60, 5:35].sum(axis=0, dtype=float))
+    changes = [np.sqrt(np.mean((coarse - fine) ** 2)) for coarse, fine in pairwise(images)]
+    orders = np.log2(np.array(changes[:-1]) / changes[1:])
+    # Observed 1.9 and 2.1: second order, as interpolation within a cell.
+    assert (np.abs(orders - 2.0) < 0.3).all(), (changes, orders)
+    assert changes[-1] < 0.01  # mm, of 28 to 40 mm

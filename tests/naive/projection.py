@@ -109,9 +109,8 @@ def deformed_projection(breast_squeezed, gantry):
     lengths = np.zeros((256, gantry.rows, gantry.columns))
     for row in range(gantry.rows):
         for column in range(gantry.columns):
-            spot, pixel = _ray(gantry, row, column) + [
-                gantry.detector_edge_mm, 0.0, gantry.support_z_mm,
-            ]  # fmt: skip
+            edge = np.array([gantry.detector_edge_mm, 0.0, gantry.support_z_mm])
+            spot, pixel = _ray(gantry, row, column) + edge
             share = (spot[2] - planes) / (spot[2] - pixel[2])
             crossings = spot + share[:, None] * (pixel - spot)
             places = np.array([_bilinear(inverse, k, p) for k, p in enumerate(crossings)])

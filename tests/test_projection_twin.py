@@ -1,0 +1,159 @@
+"""The tracing kernels against slow twins, and one answer whatever the number of threads."""
+
+import os
+import subprocess
+import sys
+
+import numba
+import numpy as np
+import pytest
+from naive.projection import (
+    deformed_projection,
+    inverse_map,
+    phantom,
+    plain_projection,
+    squeezed,
+    unsqueezed,
+)
+
+from mammosim.phantom import Lesion
+from mammosim.projection import compressed_labels, project
+
+ADIPOSE, GLAND, LESION = 1, 29, 160
+
+
+def noise(shape, voxel_mm, origin_mm, laterality="L", seed=3):
+    """Random fat, gland, air and lesion voxels: every face is met."""
+    labels = np.random.default_rng(seed).choice(
+        np.array([0, ADIPOSE, GLAND, LESION], dtype=np.uint8), shape, p=[0.2, 0.4, 0.3, 0.1]
+    )
+    lesion = Lesion("noise", "mass", LESION, "mass", np.zeros(3), 1.0)
+    return phantom(labels, voxel_mm, origin_mm, laterality, lesions=(lesion,))
+
+
+def by_channel(lengths):
+    return np.stack([lengths[ADIPOSE], lengths[GLAND], lengths[LESION]])
+
+
+@pytest.mark.parametrize("view", ["CC", "MLO", "ML"])
+@pytest.mark.parametrize("laterality", ["L", "R"])
+def test_no_displacement_equals_the_plain_projector(view, laterality):
+    breast = noise((12, 14, 10), [1.0, 0.9, 1.1], [0.5, -6.0, -5.0], laterality)
+    left_alone = unsqueezed(breast, view, spacing_mm=3.7)
+    paths = project(left_alone, pixel_mm=1.3, detector_mm=[39.0, 26.0])
+    assert paths.tissues == ("adipose", "gland", "noise")
+    assert paths.materials == ("adipose", "gland", "mass")
+    assert paths.lesion_labels == (0, 0, LESION)
+    expected = by_channel(plain_projection(breast, paths.gantry))
+    assert expected.max() > 2.0
+    # The inverse map is in single precision: 1e-6 voxel, which a ray that meets a voxel's side at
+    # a slope of 1/100 turns into 1e-4 mm.
+    np.testing.assert_allclose(paths.length_mm, expected, atol=2e-4)
+    np.testing.assert_allclose(paths.attenuating_mm, expected, atol=2e-4)
+
+
+def warped(points):
+    """A map that bends every axis, compression frame."""
+    x, y, z = points.T
+    bend = [x + 0.8 * np.sin(y / 4.0), 0.8 * y + 0.05 * x * z, 1.5 * z + 0.5 * np.cos(x / 3.0)]
+    return np.stack(bend, axis=-1)
+
+
+def warped_breast(view="MLO", laterality="R"):
+    breast = noise((12, 14, 10), [1.0, 0.9, 1.1], [0.5, -6.0, -5.0], laterality)
+    inverse = inverse_map(warped, [-2.0, -12.0, -7.0], [14.0, 12.0, 7.0], [1.5, 1.3, 1.1])
+    rng = np.random.default_rng(8)
+    inverse.original_mm[rng.random(inverse.frame.shape) < 0.03] = np.nan
+    return squeezed(breast, inverse, view)
+
+
+def test_deformed_voxels_equal_the_slow_twin():
+    breast = warped_breast()
+    paths = project(breast, pixel_mm=1.3, detector_mm=[39.0, 26.0])
+    expected = by_channel(deformed_projection(breast, paths.gantry))
+    assert expected.max() > 2.0
+    # The twin folds the frames in double precision, the kernel in single: as above.
+    np.testing.assert_allclose(paths.length_mm, expected, atol=2e-4)
+
+
+def test_any_number_of_threads_gives_the_same_bits():
+    breast = warped_breast("CC", "L")
+    threads = numba.get_num_threads()
+    images = []
+    try:
+        for count in sorted({1, min(2, numba.config.NUMBA_NUM_THREADS)}):
+            numba.set_num_threads(count)
+            images.append(project(breast, pixel_mm=0.2))
+    finally:
+        numba.set_num_threads(threads)
+    assert images[0].length_mm.tobytes() == images[-1].length_mm.tobytes()
+    assert images[0].attenuating_mm.tobytes() == images[-1].attenuating_mm.tobytes()
+
+
+def test_labels_in_another_memory_order_give_the_same():
+    breast = warped_breast()
+    turned = squeezed(phantom_in_fortran_order(breast.phantom), breast.inverse, "MLO")
+    np.testing.assert_array_equal(
+        project(turned, pixel_mm=1.0).length_mm, project(breast, pixel_mm=1.0).length_mm
+    )
+
+
+def phantom_in_fortran_order(breast):
+    copy = phantom(
+        breast.labels, breast.voxel_mm, breast.origin_mm, breast.laterality, lesions=breast.lesions
+    )
+    object.__setattr__(copy, "labels", np.asfortranarray(breast.labels))
+    return copy
+
+
+def test_uncompiled_kernels_give_the_same(tmp_path):
+    """The kernels as plain Python, in another process, since Numba reads the switch at start."""
+    script = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "import numpy as np, test_projection_twin as t\n"
+        "from mammosim.projection import compressed_labels, project\n"
+        "breast = t.warped_breast()\n"
+        "paths = project(breast, pixel_mm=2.0, detector_mm=[38.0, 24.0])\n"
+        "labels, _ = compressed_labels(breast, 2.0)\n"
+        "np.savez(sys.argv[2], length=paths.length_mm, weighted=paths.attenuating_mm,\n"
+        "         labels=labels)\n"
+    )
+    out = tmp_path / "uncompiled.npz"
+    subprocess.run(
+        [sys.executable, "-c", script, os.path.dirname(__file__), str(out)],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        check=True,
+        timeout=120,
+    )
+    breast = warped_breast()
+    paths = project(breast, pixel_mm=2.0, detector_mm=[38.0, 24.0])
+    with np.load(out) as plain:
+        np.testing.assert_allclose(plain["length"], paths.length_mm, atol=1e-6)
+        np.testing.assert_allclose(plain["weighted"], paths.attenuating_mm, atol=1e-6)
+        np.testing.assert_array_equal(plain["labels"], compressed_labels(breast, 2.0)[0])
+
+
+def test_compressed_labels_equal_point_by_point_lookup():
+    breast = warped_breast("CC", "L")
+    frame, original = breast.inverse.frame, breast.inverse.original_mm.astype(float)
+    labels, grid = compressed_labels(breast, 0.7)
+    rng = np.random.default_rng(5)
+    seen = 0
+    for index in rng.integers(0, labels.shape, (2000, 3)):
+        at = np.clip(frame.index(grid.position_mm(index)), 0, np.array(frame.shape) - 1)
+        low = np.minimum(at.astype(int), np.array(frame.shape) - 2)
+        i, j, k = low
+        value = original[i : i + 2, j : j + 2, k : k + 2]
+        for part in at - low:
+            value = value[0] * (1 - part) + value[1] * part
+        voxel = breast.phantom.frame.index(value @ breast.view.rotation)
+        expected = 0
+        if np.isfinite(voxel).all():
+            if np.abs(voxel - np.floor(voxel) - 0.5).min() < 1e-4:
+                continue  # single precision may decide for the neighbour
+            nearest = np.rint(voxel).astype(int)
+            if ((nearest >= 0) & (nearest < breast.phantom.labels.shape)).all():
+                expected = breast.phantom.labels[tuple(nearest)]
+        assert labels[tuple(index)] == expected
+        seen += expected > 0
+    assert seen > 500
