@@ -1,14 +1,26 @@
 """The tissue table: labels, stiffness and material of each tissue, and label maps."""
 
 from mammosim.tissues.label_maps import LABEL_MAPS, load_label_map
+from mammosim.tissues.materials import (
+    CALCIFICATIONS,
+    COMPOSITION_SETS,
+    MATERIAL_NAMES,
+    Material,
+    composition,
+)
 from mammosim.tissues.table import LESION_LABELS, STIFFNESS_SETS, TISSUES, Tissue, stiffness_kpa
 
 __all__ = [
+    "CALCIFICATIONS",
+    "COMPOSITION_SETS",
     "LABEL_MAPS",
     "LESION_LABELS",
+    "MATERIAL_NAMES",
     "STIFFNESS_SETS",
     "TISSUES",
+    "Material",
     "Tissue",
+    "composition",
     "load_label_map",
     "stiffness_kpa",
 ]

@@ -1,0 +1,161 @@
+"""Compiled loops over the pixels of an image. Every turn of a parallel loop writes its own row."""
+
+from __future__ import annotations
+
+from math import exp, log, sqrt
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim._jit import kernel, parallel_kernel
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+class Rays(NamedTuple):
+    """Tangents of each pixel's ray to the central one.
+
+    Parameters
+    ----------
+    row_tangent, column_tangent : ndarray of float64, (rows,), (columns,)
+        Distance from the central ray along each axis over the source to detector distance.
+    """
+
+    row_tangent: NDArray[np.float64]
+    column_tangent: NDArray[np.float64]
+
+
+@parallel_kernel
+def primary_kernel(
+    length_mm: F32,
+    mu_per_mm: F64,
+    energy_weight: F64,
+    square_weight: F64,
+    rays: Rays,
+    out_signal: F32,
+    out_square: F32,
+) -> None:
+    """Absorbed energy and its second moment behind each pixel's path.
+
+    ``out = cos^3 sum_e weight_e exp(-sum_t mu_te length_t)``: the fluence falls with the square of
+    the distance and with the obliquity of the detector.
+
+    `length_mm` is float32 [tissue, row, column], `mu_per_mm` [energy, tissue]; `out_*` are
+    float32 [row, column].
+    """
+    tissues, rows, columns = length_mm.shape
+    energies = energy_weight.size
+    air_signal = energy_weight.sum()
+    air_square = square_weight.sum()
+    for row in numba.prange(rows):
+        met = np.empty(tissues, np.int64)
+        for column in range(columns):
+            number = 0
+            for tissue in range(tissues):
+                if length_mm[tissue, row, column] > 0.0:
+                    met[number] = tissue
+                    number += 1
+            signal = air_signal
+            square = air_square
+            if number > 0:
+                signal = 0.0
+                square = 0.0
+                for e in range(energies):
+                    depth = 0.0
+                    for k in range(number):
+                        depth += mu_per_mm[e, met[k]] * length_mm[met[k], row, column]
+                    transmitted = exp(-depth)
+                    signal += energy_weight[e] * transmitted
+                    square += square_weight[e] * transmitted
+            u, v = rays.row_tangent[row], rays.column_tangent[column]
+            oblique = 1.0 + u * u + v * v
+            falloff = 1.0 / (oblique * sqrt(oblique))
+            out_signal[row, column] = signal * falloff
+            out_square[row, column] = square * falloff
+
+
+@kernel
+def _interpolated(
+    coarse: F64,
+    y: float,
+    x: float,
+) -> float:
+    """Bilinear value of a coarse image at fractional cell indices, held beyond its edges."""
+    rows, columns = coarse.shape
+    y = min(max(y, 0.0), rows - 1.0)
+    x = min(max(x, 0.0), columns - 1.0)
+    i, j = int(y), int(x)
+    i_next, j_next = min(i + 1, rows - 1), min(j + 1, columns - 1)
+    upper = coarse[i, j] * (1.0 - (x - j)) + coarse[i, j_next] * (x - j)
+    lower = coarse[i_next, j] * (1.0 - (x - j)) + coarse[i_next, j_next] * (x - j)
+    return upper * (1.0 - (y - i)) + lower * (y - i)
+
+
+@parallel_kernel
+def add_scatter_kernel(
+    coarse: F64,
+    cell: float,
+    primary_part: float,
+    scatter_part: float,
+    out_signal: F32,
+    out_square: F32,
+) -> None:
+    """Add scatter of a coarse grid, in place, and let the grid take its part of both.
+
+    `coarse` is float64 [row, column], cells of `cell` pixels, interpolated linearly between cell
+    centres. Scattered photons are taken to have the energies of the primary at that pixel, so the
+    second moment grows with the signal.
+    """
+    rows, columns = out_signal.shape
+    for row in numba.prange(rows):
+        for column in range(columns):
+            here = _interpolated(coarse, (row + 0.5) / cell - 0.5, (column + 0.5) / cell - 0.5)
+            scatter = scatter_part * here
+            primary = primary_part * out_signal[row, column]
+            ratio = out_square[row, column] / out_signal[row, column]
+            out_signal[row, column] = primary + scatter
+            out_square[row, column] = (primary + scatter) * ratio
+
+
+@parallel_kernel
+def log_attenuation_kernel(
+    signal: F32,
+    air_signal: float,
+    rays: Rays,
+    out_attenuation: F32,
+) -> None:
+    """Logarithm of the signal of air over each pixel's own, flat-fielded.
+
+    A signal below a millionth of air's counts as that.
+    """
+    rows, columns = signal.shape
+    floor = 1e-6 * air_signal
+    for row in numba.prange(rows):
+        for column in range(columns):
+            u, v = rays.row_tangent[row], rays.column_tangent[column]
+            oblique = 1.0 + u * u + v * v
+            flat = max(signal[row, column] * oblique * sqrt(oblique), floor)
+            out_attenuation[row, column] = log(air_signal / flat)
+
+
+@parallel_kernel
+def present_kernel(
+    attenuation: F32,
+    added: F64,
+    cell: float,
+    low: float,
+    high: float,
+    maximum: float,
+    out_pixels: NDArray[np.uint16],
+) -> None:
+    """Add the coarse correction, interpolated linearly, and map `low`..`high` to 0..maximum."""
+    rows, columns = attenuation.shape
+    for row in numba.prange(rows):
+        for column in range(columns):
+            extra = _interpolated(added, (row + 0.5) / cell - 0.5, (column + 0.5) / cell - 0.5)
+            level = attenuation[row, column] + extra
+            shown = min(max((level - low) / (high - low), 0.0), 1.0)
+            out_pixels[row, column] = int(shown * maximum + 0.5)

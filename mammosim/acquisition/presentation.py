@@ -1,0 +1,126 @@
+"""The picture for reading: logarithm, peripheral equalisation and a contrast curve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from mammosim.acquisition._kernels import present_kernel
+from mammosim.acquisition.blocks import block_mean, cell_pixels
+
+CELL_MM = 0.5  # grid of mask and distance to the skin
+AIR_LEVEL = 0.04  # attenuation (ln) that tells tissue from air: half a millimetre of skin
+MARGIN_MM = 30.0  # the breast is at full thickness this far from its edge at the latest
+PROFILE_QUANTILE = 0.30  # fat between gland: what the margin is equalised by
+STRENGTH = 0.90  # part of the missing thickness that is made up
+SKIN_RAMP_MM = 2.5  # over which equalisation sets in, so that the skin line stands against air
+FAT_QUANTILE, GLAND_QUANTILE = 0.10, 0.995
+FAT_LEVEL = 0.30  # grey of fat, as part of the range, on clinical mammograms
+LEAST_CONTRAST = 0.45  # ln; a fatty breast is not stretched beyond this
+MAXIMUM = 4095  # 12 bits
+
+
+@dataclass(frozen=True, eq=False)
+class Presentation:
+    """A picture for reading, with its window.
+
+    Parameters
+    ----------
+    pixels : ndarray of uint16, [row, column]
+        0 is air, bright is dense.
+    window_center, window_width : float
+    """
+
+    pixels: NDArray[np.uint16]
+    window_center: float
+    window_width: float
+
+
+def present(attenuation: NDArray[np.float32], pixel_mm: float) -> Presentation:
+    """Make the picture for reading from a flat-fielded logarithmic image.
+
+    Parameters
+    ----------
+    attenuation : ndarray of float32, [row, column]
+        ln(signal of air / signal), about 0 in air.
+    pixel_mm : float
+        Pixel pitch, mm.
+
+    Returns
+    -------
+    Presentation
+
+    Notes
+    -----
+    Around the margin, where the breast is thinner than the gap, the missing attenuation is
+    estimated as a function of the distance from the breast's edge alone (the profile of fat,
+    rising to its plateau) and added back. What is added is smooth, so details keep their
+    contrast, and at any one place more attenuation is always brighter. Ray-tracing knowledge is
+    not used: it works on the image as a scanner's software does.
+    """
+    cell = cell_pixels(CELL_MM, pixel_mm)
+    coarse = block_mean(attenuation, cell)
+    breast = _breast_mask(coarse)
+    if not breast.any():
+        return Presentation(np.zeros(attenuation.shape, np.uint16), (MAXIMUM + 1) / 2, MAXIMUM + 1)
+    depth_mm = _signed_depth(breast) * cell * pixel_mm
+    added = _missing_attenuation(coarse, breast, depth_mm)
+    low, high = _levels((coarse + added)[depth_mm > SKIN_RAMP_MM], (coarse + added)[breast])
+    pixels = np.empty(attenuation.shape, np.uint16)
+    present_kernel(attenuation, added, float(cell), low, high, float(MAXIMUM), pixels)
+    return Presentation(pixels, (MAXIMUM + 1) / 2, float(MAXIMUM + 1))
+
+
+def _breast_mask(coarse: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """The largest connected region that is not air, without holes."""
+    smooth = ndimage.gaussian_filter(coarse, 1.0, mode="nearest")
+    labels, count = ndimage.label(smooth > AIR_LEVEL)
+    if count == 0:
+        return np.zeros(coarse.shape, bool)
+    largest = 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
+    filled: NDArray[np.bool_] = ndimage.binary_fill_holes(labels == largest)
+    return filled
+
+
+def _signed_depth(breast: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Distance to the edge of the breast in cells, negative in air.
+
+    The image's border is no edge: where the breast is cut off, it goes on.
+    """
+    if breast.all():
+        return np.full(breast.shape, float(sum(breast.shape)))
+    inside = ndimage.distance_transform_edt(breast)
+    outside = ndimage.distance_transform_edt(~breast)
+    depth: NDArray[np.float64] = np.where(breast, inside - 0.5, 0.5 - outside)
+    return depth
+
+
+def _missing_attenuation(
+    coarse: NDArray[np.float64], breast: NDArray[np.bool_], depth_mm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """What the margin lacks against the plateau, ln units, on the coarse grid; 0 in air."""
+    centres = np.arange(0.5, MARGIN_MM, 1.0)
+    levels = []
+    for centre in centres:
+        ring = coarse[breast & (np.abs(depth_mm - centre) <= 1.0)]
+        levels.append(np.quantile(ring, PROFILE_QUANTILE) if ring.size else np.nan)
+    known = np.isfinite(levels)
+    if not known.any():
+        return np.zeros_like(coarse)
+    profile = np.interp(centres, centres[known], np.array(levels)[known])
+    profile = np.maximum.accumulate(ndimage.gaussian_filter1d(profile, 1.0, mode="nearest"))
+    lacking = STRENGTH * (profile[-1] - np.interp(depth_mm, centres, profile))
+    ramp = np.clip(depth_mm / SKIN_RAMP_MM, 0.0, 1.0)
+    return np.where(breast, lacking * ramp * ramp * (3.0 - 2.0 * ramp), 0.0)
+
+
+def _levels(inner: NDArray[np.float64], whole: NDArray[np.float64]) -> tuple[float, float]:
+    """Equalised attenuation that is shown black, and that shown white."""
+    values = inner if inner.size else whole
+    fat, gland = np.quantile(values, [FAT_QUANTILE, GLAND_QUANTILE])
+    contrast = max(float(gland - fat), LEAST_CONTRAST)
+    low = float(fat) - contrast * FAT_LEVEL / (1.0 - FAT_LEVEL)
+    return low, float(fat) + contrast

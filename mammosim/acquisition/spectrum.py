@@ -1,0 +1,174 @@
+"""The X-ray beam: tube spectrum, filters, air and paddle; air kerma and half-value layer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from mammosim.acquisition.attenuation import (
+    BEAM_MATERIALS,
+    attenuation_per_mm,
+    energy_absorption_cm2_g,
+)
+from mammosim.acquisition.tube import REFERENCE_MM, tube_fluence
+from mammosim.errors import InputError
+
+# European guidelines (4th edition, 2006, part 2A/B) name 30 um Mo, 25 um Rh (50 um on W tubes),
+# 50 um Ag; 0.7 mm Al is that of W/Al tomosynthesis systems (Hologic, Dance & Young 2011).
+FILTER_MM: dict[str, float] = {"Mo": 0.030, "Rh": 0.025, "Ag": 0.050, "Al": 0.700}
+"""Usual thickness of each filter material, mm (rhodium on a tungsten tube: 0.050)."""
+
+WINDOW_BE_MM = 0.8  # exit window of mammography tubes, as in the HVL figures of docs
+KEV_TO_MGY_G = (
+    1.602177e-10  # mGy in 1 g for 1 keV absorbed: 1.602177e-16 J / 1e-3 kg * 1e3 (CODATA)
+)
+MM2_PER_CM2 = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Beam:
+    """Photons that leave tube, filter, air and paddle, at a reference distance of 1 m.
+
+    Parameters
+    ----------
+    target, filter : str
+    filter_mm : float
+        Filter thickness, mm.
+    kvp : float
+        Tube voltage, kV.
+    energy_kev : ndarray of float64, (n,)
+        Centres of the energy bins, keV.
+    fluence_mm2_mas : ndarray of float64, (n,)
+        Photons a bin, 1/(mm2 mAs), on the central ray 1 m from the focal spot.
+    """
+
+    target: str
+    filter: str
+    filter_mm: float
+    kvp: float
+    energy_kev: NDArray[np.float64]
+    fluence_mm2_mas: NDArray[np.float64]
+
+    def fluence_at(self, distance_mm: float) -> NDArray[np.float64]:
+        """(n,) photons a bin, 1/(mm2 mAs), on the central ray; inverse square law."""
+        return self.fluence_mm2_mas * (REFERENCE_MM / distance_mm) ** 2
+
+    def kerma_mgy_mas(self, distance_mm: float) -> float:
+        """Air kerma free in air, mGy/mAs, on the central ray."""
+        return float(self._kerma_weights() @ self.fluence_at(distance_mm))
+
+    @property
+    def mean_energy_kev(self) -> float:
+        """Mean photon energy, keV."""
+        return float(np.average(self.energy_kev, weights=self.fluence_mm2_mas))
+
+    @property
+    def hvl_mm_al(self) -> float:
+        """Thickness of aluminium that halves the air kerma (narrow beam), mm."""
+        kerma = self._kerma_weights() * self.fluence_mm2_mas
+        aluminium = attenuation_per_mm(BEAM_MATERIALS["Al"], self.energy_kev)
+
+        def excess(thickness_mm: float) -> float:
+            return float(kerma @ np.exp(-aluminium * thickness_mm) / kerma.sum() - 0.5)
+
+        return float(brentq(excess, 1e-4, 20.0))
+
+    def _kerma_weights(self) -> NDArray[np.float64]:
+        """Air kerma of one photon per mm2 at each energy, mGy mm2."""
+        absorption = energy_absorption_cm2_g(BEAM_MATERIALS["air"], self.energy_kev)
+        return self.energy_kev * absorption * KEV_TO_MGY_G * MM2_PER_CM2
+
+
+def make_beam(
+    target: str,
+    filter: str,
+    kvp: float,
+    *,
+    filter_mm: float | None = None,
+    air_mm: float = 1000.0,
+    paddle_mm: float = 3.0,
+    spectrum_file: str | None = None,
+) -> Beam:
+    """The beam that reaches the breast.
+
+    Parameters
+    ----------
+    target : {"Mo", "Rh", "W"}
+        Anode material.
+    filter : {"Mo", "Rh", "Ag", "Al"}
+        Filter material.
+    kvp : float
+        Tube voltage, kV.
+    filter_mm : float, optional
+        Filter thickness, mm; left out: the usual one of `FILTER_MM`.
+    air_mm : float
+        Air that the beam crosses, mm.
+    paddle_mm : float
+        Polycarbonate of the paddle, mm.
+    spectrum_file : str, optional
+        Two columns, energy in keV and photons a bin in 1/(mm2 mAs) at 1 m, of the beam behind its
+        filter; it replaces tube, window and filter.
+
+    Returns
+    -------
+    Beam
+
+    Raises
+    ------
+    InputError
+        If target, filter or tube voltage is not one that the spectrum model covers, or the file
+        cannot be read.
+
+    Notes
+    -----
+    Filters act as narrow-beam absorbers, ``exp(-mu t)``; fluorescence of the filter is left out.
+    """
+    if filter not in FILTER_MM:
+        raise InputError(
+            f"acquisition.filter: found '{filter}', expected one of {', '.join(FILTER_MM)}"
+        )
+    if filter_mm is None:
+        filter_mm = 0.050 if (target, filter) == ("W", "Rh") else FILTER_MM[filter]
+    layers = {"air": air_mm, "polycarbonate": paddle_mm}
+    if spectrum_file is None:
+        energy, fluence = tube_fluence(target, kvp)
+        layers |= {"Be": WINDOW_BE_MM, filter: filter_mm}
+    else:
+        energy, fluence = read_spectrum(spectrum_file)
+    for name, thickness_mm in layers.items():
+        mu = attenuation_per_mm(BEAM_MATERIALS[name], energy)
+        fluence = fluence * np.exp(-mu * thickness_mm)
+    # What is left of the softest photons (below about 5 keV) weighs nothing and costs time.
+    kept = fluence > 1e-9 * fluence.max()
+    return Beam(target, filter, filter_mm, kvp, energy[kept], fluence[kept])
+
+
+def read_spectrum(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Read a spectrum of two columns: energy, keV, and photons a bin, 1/(mm2 mAs) at 1 m.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it does not hold two columns of numbers with rising energies
+        of 1 to 150 keV and fluences that are not negative.
+    """
+    if not Path(path).is_file():
+        raise InputError(f"acquisition.spectrum_file: no such file: {path}")
+    try:
+        table = np.loadtxt(path, dtype=np.float64, ndmin=2)
+    except ValueError as error:
+        raise InputError(f"{path}: not two columns of numbers ({error})") from None
+    if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
+        raise InputError(f"{path}: found a table of {table.shape}, expected two columns")
+    energy, fluence = table.T
+    # xraylib's energy-absorption table begins at 1 keV.
+    rising = bool(np.all(np.diff(energy) > 0.0)) and energy[0] >= 1.0 and energy[-1] <= 150.0
+    if not rising or not np.all(fluence >= 0.0) or not fluence.sum() > 0.0:
+        raise InputError(
+            f"{path}: expected rising energies of 1 to 150 keV and fluences that are not negative"
+        )
+    return energy.copy(), fluence.copy()
