@@ -1,0 +1,109 @@
+"""The report's pictures: mammograms as data URIs, and drawings as SVG text."""
+
+from __future__ import annotations
+
+import base64
+import io
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from mammosim.acquisition import Mammogram
+
+_JPEG_QUALITY = 88  # no visible blocks in noise; a quarter of the size of a PNG
+_INK = "#010203"  # stands for the page's text colour, which the figure cannot know
+_LINES = ("#3b82c4", "#c2742d", "#4f9a5b", "#a55fa5")  # legible on white and on near-black
+_MAX_LINES = len(_LINES)
+
+
+def picture_data_uri(mammogram: Mammogram, rows: int) -> str:
+    """The picture for reading through its window as a data URI.
+
+    Parameters
+    ----------
+    mammogram : Mammogram
+    rows : int
+        Height to reduce to, by whole factors; a smaller picture keeps its pixels.
+
+    Returns
+    -------
+    str
+        ``data:image/jpeg;base64,...``
+    """
+    factor = max(1, round(mammogram.for_presentation.shape[0] / rows))
+    pixels = _block_means(mammogram.for_presentation, factor)
+    half = (mammogram.window_width - 1.0) / 2.0
+    middle = mammogram.window_center - 0.5  # DICOM's linear window, PS3.3 C.11.2.1.2.1
+    grey = np.rint(np.interp(pixels, [middle - half, middle + half], [0.0, 255.0]))
+    stream = io.BytesIO()
+    Image.fromarray(grey.astype(np.uint8)).save(stream, format="JPEG", quality=_JPEG_QUALITY)
+    return "data:image/jpeg;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+
+
+def _block_means(pixels: NDArray[Any], factor: int) -> NDArray[np.float64]:
+    """Mean of blocks of factor x factor pixels; the last ones are filled up by repetition."""
+    missing = [(0, -size % factor) for size in pixels.shape]
+    padded = np.pad(pixels, missing, mode="edge")
+    rows, columns = (size // factor for size in padded.shape)
+    return padded.reshape(rows, factor, columns, factor).mean(axis=(1, 3), dtype=np.float64)
+
+
+def convergence_svg(history: NDArray[np.void], name: str) -> str:
+    """Draw how a solver converged.
+
+    Parameters
+    ----------
+    history : ndarray, structured
+        One row an iteration.
+    name : str
+        Name of the view; keeps the drawing's internal names apart from others on the page.
+
+    Returns
+    -------
+    str
+        SVG whose text and axes take the colour of the text around it; empty if there is nothing
+        to draw.
+    """
+    columns = _columns_to_draw(history)
+    if not columns:
+        return ""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    style = {
+        "svg.fonttype": "none", "svg.hashsalt": name, "font.size": 9, "font.family": "sans-serif",
+        "text.color": _INK, "axes.edgecolor": _INK, "axes.labelcolor": _INK, "xtick.color": _INK,
+        "ytick.color": _INK, "axes.spines.top": False, "axes.spines.right": False,
+    }  # fmt: skip
+    with mpl.rc_context(style):
+        figure = Figure(figsize=(4.6, 2.7), layout="constrained")
+        axes = figure.subplots()
+        for column, colour in zip(columns, _LINES, strict=False):
+            values = np.where(history[column] > 0, history[column], np.nan)
+            iterations = np.arange(1, len(values) + 1)
+            axes.semilogy(iterations, values, color=colour, linewidth=1.5, label=_words(column))
+        axes.set_xlabel("row of convergence.csv")
+        axes.grid(axis="y", color=_INK, alpha=0.12)
+        axes.legend(frameon=False, fontsize=8)
+        stream = io.StringIO()
+        figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
+    text = stream.getvalue()
+    return text[text.index("<svg") :].replace(_INK, "currentColor")
+
+
+def _columns_to_draw(history: NDArray[np.void]) -> list[str]:
+    """Names of floating-point columns with positive values: those that shrink come first."""
+    names = [
+        name
+        for name in history.dtype.names or ()
+        if history.dtype[name].kind == "f" and np.any(history[name] > 0)
+    ]
+    telling = ("residual", "change", "move", "update", "deviation", "out_of_balance")
+    first = [name for name in names if any(word in name for word in telling)]
+    return (first or names)[:_MAX_LINES]
+
+
+def _words(column: str) -> str:
+    return column.replace("_", " ")

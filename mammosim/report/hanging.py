@@ -1,0 +1,130 @@
+"""The pictures of the report, hung as a radiologist hangs them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mammosim.acquisition import Mammogram
+from mammosim.compression import CompressedBreast
+from mammosim.geometry import View
+from mammosim.report.figures import picture_data_uri
+from mammosim.report.markers import Marker, markers
+from mammosim.report.settings import ReportSettings
+from mammosim.targets import Target
+
+_BAR_MM = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class ReportedView:
+    """One view of a run, as far as it came.
+
+    Parameters
+    ----------
+    squeezed : CompressedBreast
+    mammogram : Mammogram or None
+        None where the run stopped before the exposure.
+    """
+
+    squeezed: CompressedBreast
+    mammogram: Mammogram | None = None
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One view on the wall.
+
+    Parameters
+    ----------
+    name : str
+        Side and view, as `LCC`.
+    side : {"L", "R"}
+    technique : str
+        Thickness, and where there is a mammogram its tube voltage, load and dose.
+    alt : str
+        What the picture shows, in words.
+    uri : str
+        The picture itself; empty where there is none.
+    rows, columns : int
+        Its size in the detector's pixels, which the marks count in.
+    marks : list of Marker
+    outside : list of Target
+        Targets that do not lie in the picture.
+    two_cm_px : float
+        Length of the scale bar.
+    """
+
+    name: str
+    side: str
+    technique: str
+    alt: str
+    uri: str
+    rows: int
+    columns: int
+    marks: list[Marker]
+    outside: list[Target]
+    two_cm_px: float
+
+
+def hanging(
+    views: Sequence[ReportedView], targets: Sequence[Target], settings: ReportSettings
+) -> list[dict[str, list[Picture]]]:
+    """Hang the views as a radiologist does: right views on the left, chest walls together.
+
+    Parameters
+    ----------
+    views : sequence of ReportedView
+        In the order CC, MLO, ML, right before left.
+    targets : sequence of Target
+    settings : ReportSettings
+
+    Returns
+    -------
+    list of dict
+        One entry a row, with the pictures of its `right` and `left` half. Views of one breast
+        alone share one row.
+    """
+    pictures = [_picture(view, targets, settings) for view in views]
+    if len({picture.side for picture in pictures}) < 2:
+        return [{"single": pictures, "right": [], "left": []}] if pictures else []
+    rows: list[dict[str, list[Picture]]] = []
+    for name in dict.fromkeys(picture.name[1:] for picture in pictures):
+        row = [picture for picture in pictures if picture.name[1:] == name]
+        halves = {side: [picture for picture in row if picture.side == side] for side in "RL"}
+        rows.append({"single": [], "right": halves["R"], "left": halves["L"]})
+    return rows
+
+
+def _picture(view: ReportedView, targets: Sequence[Target], settings: ReportSettings) -> Picture:
+    name, mammogram = view.squeezed.view.folder, view.mammogram
+    here = targets_of(view.squeezed.view, targets)
+    technique = [f"{view.squeezed.thickness_mm:.1f} mm"]
+    if not mammogram:
+        return Picture(name, name[0], technique[0], "", "", 0, 0, [], [], 0.0)
+    technique += [f"{mammogram.kvp:g} kV {mammogram.target}/{mammogram.filter}",
+                  f"{mammogram.mas:.0f} mAs", f"{mammogram.dose_mgy:.2f} mGy"]  # fmt: skip
+    shown = [target.name for target in here if target.in_field and is_lesion(target)]
+    lesions = ", ".join(shown) or "no lesion"
+    return Picture(
+        name=name,
+        side=name[0],
+        technique=" · ".join(technique),
+        alt=f"Simulated mammogram {name}, showing {lesions}.",
+        uri=picture_data_uri(mammogram, settings.picture_rows),
+        rows=mammogram.gantry.rows,
+        columns=mammogram.gantry.columns,
+        marks=markers(here, mammogram.gantry),
+        outside=[target for target in here if not target.in_field],
+        two_cm_px=_BAR_MM / mammogram.gantry.pixel_mm,
+    )
+
+
+def targets_of(view: View, targets: Sequence[Target]) -> list[Target]:
+    """Rows of one view."""
+    return [target for target in targets if target.view in (view.folder, view.name)]
+
+
+def is_lesion(target: Target) -> bool:
+    """Whether a target is something that was put there to be found."""
+    return target.kind not in ("landmark", "nipple")

@@ -1,0 +1,216 @@
+"""The report: one self-contained page that opens offline."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from mammosim.acquisition import Mammogram
+from mammosim.report.figures import convergence_svg
+from mammosim.report.hanging import ReportedView, hanging, is_lesion, targets_of
+from mammosim.report.markers import shift_arrows
+from mammosim.report.quantities import NOT_KNOWN, number, quantity
+from mammosim.report.settings import ReportSettings
+from mammosim.targets import Target
+
+_SIDES = {"L": "Left breast", "R": "Right breast"}
+_VIEW_ORDER = ("CC", "MLO", "ML")
+_KINDS = {
+    "mass": "Mass", "calcification": "Calcifications", "clip": "Clip", "landmark": "Landmark",
+    "nipple": "Nipple",
+}  # fmt: skip
+_STATUS = {
+    "not converged": "This run did not converge: the compression stopped before it reached its "
+    "tolerance. What follows is what was reached; do not rely on positions or forces.",
+    "interrupted": "This run was interrupted. What follows is what had been reached.",
+}
+
+
+def render_report(
+    views: Sequence[ReportedView],
+    targets: Sequence[Target],
+    record: Mapping[str, Any],
+    settings: ReportSettings | None = None,
+    title: str = "",
+) -> str:
+    """Make the report's page.
+
+    Parameters
+    ----------
+    views : sequence of ReportedView
+        Views of one or both breasts; may be empty where a run stopped early.
+    targets : sequence of Target
+        Rows of lesions.csv.
+    record : mapping
+        What `run_record` returned.
+    settings : ReportSettings, optional
+    title : str
+        Name of the run, as the configuration's.
+
+    Returns
+    -------
+    str
+        HTML with its style and pictures inside; nothing is loaded from elsewhere.
+    """
+    settings = settings or ReportSettings()
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+                              lstrip_blocks=True)  # fmt: skip
+    environment.filters["number"] = number
+    source = files(__package__).joinpath("template.html").read_text(encoding="utf-8")
+    ordered = sorted(views, key=_hanging_order)
+    return environment.from_string(source).render(
+        title=title,
+        headline=_headline(ordered),
+        case=_case(ordered, targets),
+        status=_STATUS.get(record.get("status", "done"), ""),
+        warnings=_warnings(ordered, record),
+        hanging=hanging(ordered, targets, settings),
+        lesions=_lesions(ordered, targets),
+        shift_views=_shift_views(ordered, targets),
+        view_names=[view.squeezed.view.folder for view in ordered],
+        compression=_compression_rows(ordered),
+        convergence=_convergence(ordered),
+        exposed=[view.squeezed.view.folder for view in ordered if view.mammogram],
+        exposure=_exposure_rows([view.mammogram for view in ordered if view.mammogram]),
+        record=record,
+        not_known=NOT_KNOWN,
+    )
+
+
+def _hanging_order(view: ReportedView) -> tuple[int, int]:
+    """CC above MLO above ML; right before left."""
+    name, side = view.squeezed.view.name, view.squeezed.view.laterality
+    return _VIEW_ORDER.index(name), "RL".index(side)
+
+
+def _headline(views: Sequence[ReportedView]) -> str:
+    if not views:
+        return "Simulated mammography"
+    sides = dict.fromkeys(_SIDES[view.squeezed.view.laterality] for view in views)
+    names = dict.fromkeys(view.squeezed.view.name for view in views)
+    breast = "Both breasts" if len(sides) == 2 else next(iter(sides))
+    return f"{breast}, {' and '.join(names)}"
+
+
+def _case(views: Sequence[ReportedView], targets: Sequence[Target]) -> str:
+    """The case in one line."""
+    if not views:
+        return "No view was computed."
+    parts = [views[0].squeezed.phantom.source or "phantom of unknown source"]
+    thicknesses = [
+        f"{view.squeezed.view.folder} {view.squeezed.thickness_mm:.1f} mm" for view in views
+    ]
+    parts.append("compressed to " + ", ".join(thicknesses))
+    mammograms = [view.mammogram for view in views if view.mammogram]
+    if mammograms:
+        first = mammograms[0]
+        parts.append(f"{first.target}/{first.filter} {first.kvp:g} kV")
+    count = len({target.target_id for target in targets if is_lesion(target)})
+    parts.append({0: "no lesion", 1: "1 lesion"}.get(count, f"{count} lesions"))
+    return " · ".join(parts)
+
+
+def _warnings(views: Sequence[ReportedView], record: Mapping[str, Any]) -> list[str]:
+    """Every warning once: the record's own, the phantom's and each view's."""
+    found: list[str] = list(record.get("warnings", ()))
+    for view in views:
+        found += view.squeezed.phantom.notes
+        found += view.squeezed.notes
+        found += view.mammogram.notes if view.mammogram else ()
+    return list(dict.fromkeys(found))
+
+
+def _lesions(views: Sequence[ReportedView], targets: Sequence[Target]) -> list[dict[str, Any]]:
+    """One entry a target of each breast: its number, its kind, and its row in each view."""
+    seen = [view.squeezed.view for view in views]
+    sides = dict.fromkeys(view.laterality for view in seen)
+    entries = []
+    for side in sides:
+        rows_of = {
+            view.folder: {row.target_id: row for row in targets_of(view, targets)}
+            for view in seen
+            if view.laterality == side
+        }
+        for target_id in sorted({key for rows in rows_of.values() for key in rows}):
+            of_view = {name: rows[target_id] for name, rows in rows_of.items() if target_id in rows}
+            entries.append(_lesion(side if len(sides) > 1 else "", of_view))
+    return entries
+
+
+def _lesion(side: str, of_view: Mapping[str, Target]) -> dict[str, Any]:
+    first = next(iter(of_view.values()))
+    return {
+        "number": f"{side} {first.target_id}".strip(),
+        "first": first,
+        "kind": _KINDS.get(first.kind, first.kind),
+        "diameter_mm": _sphere_diameter_mm(first.volume_mm3),
+        "of_view": of_view,
+    }
+
+
+def _sphere_diameter_mm(volume_mm3: float) -> float:
+    return (6.0 * volume_mm3 / math.pi) ** (1.0 / 3.0) if volume_mm3 > 0.0 else math.nan
+
+
+def _shift_views(views: Sequence[ReportedView], targets: Sequence[Target]) -> list[dict[str, Any]]:
+    """The frontal drawing of each breast: where targets were, and where each view moved them."""
+    drawings = []
+    for side in dict.fromkeys(view.squeezed.view.laterality for view in views):
+        of_side = [view.squeezed for view in views if view.squeezed.view.laterality == side]
+        rows = {
+            squeezed.view.folder: [
+                row for row in targets_of(squeezed.view, targets) if row.kind != "nipple"
+            ]
+            for squeezed in of_side
+        }
+        if any(rows.values()):
+            drawing = shift_arrows(rows, of_side[0].phantom.nipple_mm)
+            drawings.append({"side": _SIDES[side], **drawing})
+    return drawings
+
+
+def _compression_rows(views: Sequence[ReportedView]) -> list[tuple[str, str, list[str]]]:
+    """Label, unit and one text a view: the plates first, then the result's own measures."""
+    rows = [
+        ("Mechanical model", "", [view.squeezed.model for view in views]),
+        ("Converged", "", [number(view.squeezed.converged) for view in views]),
+        ("Compressed thickness", "mm", [number(view.squeezed.thickness_mm, 1) for view in views]),
+    ]
+    columns = [view.squeezed.measures for view in views]
+    return rows + _measure_rows(columns)
+
+
+def _measure_rows(columns: Sequence[Mapping[str, float]]) -> list[tuple[str, str, list[str]]]:
+    """One row a key that any of the mappings has, in the order of first appearance."""
+    keys = dict.fromkeys(key for column in columns for key in column)
+    return [quantity(key, [column.get(key) for column in columns]) for key in keys]
+
+
+def _convergence(views: Sequence[ReportedView]) -> list[tuple[str, int, Markup]]:
+    """Name, number of rows and drawing of each view that has a history."""
+    drawn = []
+    for view in views:
+        name = view.squeezed.view.folder
+        svg = convergence_svg(view.squeezed.history, name)
+        if svg:
+            # Drawn by matplotlib from column names and numbers, which it escapes itself.
+            drawn.append((name, len(view.squeezed.history), Markup(svg)))
+    return drawn
+
+
+def _exposure_rows(mammograms: Sequence[Mammogram]) -> list[tuple[str, str, list[str]]]:
+    rows = [
+        ("Anode / filter", "", [f"{m.target} / {m.filter} {m.filter_mm:g} mm" for m in mammograms]),
+        ("Tube voltage", "kV", [number(m.kvp) for m in mammograms]),
+        ("Tube load", "mAs", [number(m.mas, 1) for m in mammograms]),
+        ("Half-value layer", "mm Al", [number(m.hvl_mm_al, 3) for m in mammograms]),
+        ("Anti-scatter grid", "", [number(m.grid) for m in mammograms]),
+        ("Incident air kerma", "mGy", [number(m.air_kerma_mgy, 2) for m in mammograms]),
+        ("Mean glandular dose", "mGy", [number(m.dose_mgy, 2) for m in mammograms]),
+    ]
+    return rows + _measure_rows([m.measures for m in mammograms])

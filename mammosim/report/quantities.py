@@ -1,0 +1,74 @@
+"""Names and numbers as the report prints them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+_UNITS = {
+    "mm": "mm", "mm2": "cm²", "mm3": "mL", "ml": "mL", "n": "N", "kpa": "kPa", "mgy": "mGy",
+    "kev": "keV", "s": "s", "ms": "ms", "mb": "MB",
+    "deg": "°", "percent": "%", "px": "px",
+}  # fmt: skip
+
+# Areas and volumes of a breast are read in cm² and mL.
+_SCALE = {"mm2": 1e-2, "mm3": 1e-3}
+
+_NAMES = {"force_n": "Force on the paddle"}
+
+NOT_KNOWN = "–"
+"""Printed where a value is missing."""
+
+
+def quantity(key: str, values: Iterable[float | None]) -> tuple[str, str, list[str]]:
+    """One row of a table: a record's key in words, its unit, and its values as text.
+
+    Parameters
+    ----------
+    key : str
+        Name whose ending is its unit.
+    values : iterable of float or None
+
+    Examples
+    --------
+    >>> quantity("contact_area_mm2", [8123.4, None])
+    ('Contact area', 'cm²', ['81.23', '–'])
+    >>> quantity("inverted_cells", [3.0])
+    ('Inverted cells', '', ['3'])
+    """
+    stem, _, ending = key.rpartition("_")
+    unit = _UNITS.get(ending, "") if stem else ""
+    words = (stem if unit else key).replace("_", " ")
+    label = _NAMES.get(key, words[:1].upper() + words[1:])
+    scale = _SCALE.get(ending, 1.0)
+    return label, unit, [number(None if value is None else value * scale) for value in values]
+
+
+def number(value: Any, decimals: int | None = None) -> str:
+    """A value for a table cell.
+
+    Parameters
+    ----------
+    value : object
+        A number, a bool, a text, or None.
+    decimals : int, optional
+        Fixed decimals; without it four significant digits, whole numbers in full.
+
+    Examples
+    --------
+    >>> number(134041.3), number(0.000012345), number(float("nan")), number(3.0), number(5.099, 1)
+    ('134041', '1.234e-05', '–', '3', '5.1')
+    """
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return NOT_KNOWN
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if not isinstance(value, (int, float)):
+        return str(value)
+    if decimals is not None:
+        text = f"{value:.{decimals}f}"
+        return text.removeprefix("-") if float(text) == 0.0 else text
+    if value == round(value) or abs(value) >= 1000.0:
+        return f"{value:.0f}"
+    return f"{value:.4g}"

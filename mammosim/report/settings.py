@@ -1,0 +1,15 @@
+"""The `report` section of a configuration."""
+
+from __future__ import annotations
+
+from mammosim.config import Settings
+
+
+class ReportSettings(Settings):
+    """What a run says about itself."""
+
+    html: bool = True
+    """Write the report as one self-contained page."""
+
+    picture_rows: int = 1400
+    """Height that the report's pictures are reduced to, pixels; the files keep every pixel."""
