@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mammosim.compression.displacement import DisplacementField, InverseMap
+from mammosim.compression.displacement import DisplacementField
+from mammosim.compression.inverse import InverseMap
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
 
@@ -39,6 +40,8 @@ class CompressedBreast:
         One row an iteration; written to `convergence.csv`.
     notes : tuple of str
         Warnings, one sentence each.
+    interrupted : bool
+        Whether the user stopped the solver.
     """
 
     phantom: BreastPhantom
@@ -52,6 +55,7 @@ class CompressedBreast:
     measures: Mapping[str, float]
     history: NDArray[np.void]
     notes: tuple[str, ...] = ()
+    interrupted: bool = False
 
     @property
     def thickness_mm(self) -> float:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.ndimage
 from numpy.typing import NDArray
 
+from mammosim.compression.connectivity import held_together
 from mammosim.compression.continuation import continued
 from mammosim.compression.springs._stencil_kernels import add_interpolated, restrict
 from mammosim.compression.springs.multigrid import coarse_shape
@@ -37,16 +37,6 @@ def coarsened(problem: SpringProblem) -> SpringProblem:
         (problem.upper + 1.0) / 2.0,
         (problem.edge + 1.0) / 2.0,
     )
-
-
-def held_together(tissue: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tissue that is connected, through 26-neighbours, to a fixed node."""
-    parts, _ = scipy.ndimage.label(tissue, np.ones((3, 3, 3), bool))
-    held = np.zeros(parts.max() + 1, bool)
-    held[np.unique(parts[fixed & tissue])] = True
-    held[0] = False
-    connected: NDArray[np.bool_] = held[parts]
-    return connected
 
 
 def interpolated(coarse: Displacement, coarse_tissue: NDArray[np.bool_], fine: SpringProblem) -> Displacement:

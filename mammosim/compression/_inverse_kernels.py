@@ -1,0 +1,103 @@
+"""Kernel that turns a displacement field round: where each point of the compressed breast was."""
+
+import numpy as np
+
+from mammosim._jit import kernel
+
+_EDGE_SLACK = 1e-9
+"""Barycentric coordinates this far below 0 still count as inside, so that no point falls between
+two tetrahedra."""
+
+# The six tetrahedra of a cube that share its diagonal 0-7 (Kuhn 1960); corner = 4 a + 2 b + c.
+KUHN_TETRAHEDRA = np.array(
+    [[0, 4, 6, 7], [0, 4, 5, 7], [0, 2, 6, 7], [0, 2, 3, 7], [0, 1, 5, 7], [0, 1, 3, 7]]
+)
+
+
+@kernel
+def rasterise_inverse(displacement, tissue, shift, tetrahedra, original, rank):
+    """Write the place at rest of every grid point that a deformed cell covers.
+
+    Places are in lattice units. Grid point [i, j, k] lies at ``[i, j, k] + shift``. Cells with at
+    least one tissue node take part; where cells overlap, the one with more tissue nodes wins, the
+    first of equals. `rank` holds the number of tissue nodes of the cell that wrote a point.
+    """
+    nx, ny, nz = tissue.shape
+    corners = np.empty((8, 3))
+    rest = np.empty((8, 3))
+    for i in range(nx - 1):
+        for j in range(ny - 1):
+            for k in range(nz - 1):
+                nodes = 0
+                for n in range(8):
+                    a, b, c = i + n // 4, j + (n // 2) % 2, k + n % 2
+                    nodes += tissue[a, b, c]
+                if nodes == 0:
+                    continue
+                for n in range(8):
+                    a, b, c = i + n // 4, j + (n // 2) % 2, k + n % 2
+                    rest[n, 0], rest[n, 1], rest[n, 2] = a, b, c
+                    for d in range(3):
+                        corners[n, d] = rest[n, d] + displacement[a, b, c, d] - shift[d]
+                for t in range(6):
+                    _fill_tetrahedron(corners, rest, tetrahedra[t], nodes, original, rank)
+
+
+@kernel
+def _fill_tetrahedron(corners, rest, tetrahedron, nodes, original, rank):
+    """Write the grid points inside one deformed tetrahedron."""
+    p, q, r, s = tetrahedron
+    edges = np.empty((3, 3))
+    low = np.empty(3, np.int64)
+    high = np.empty(3, np.int64)
+    for d in range(3):
+        edges[d, 0] = corners[q, d] - corners[p, d]
+        edges[d, 1] = corners[r, d] - corners[p, d]
+        edges[d, 2] = corners[s, d] - corners[p, d]
+        smallest = min(corners[p, d], corners[q, d], corners[r, d], corners[s, d])
+        largest = max(corners[p, d], corners[q, d], corners[r, d], corners[s, d])
+        low[d] = max(int(np.ceil(smallest - _EDGE_SLACK)), 0)
+        high[d] = min(int(np.floor(largest + _EDGE_SLACK)), rank.shape[d] - 1)
+    inverse = np.empty((3, 3))
+    if not _invert(edges, inverse):
+        return
+    for a in range(low[0], high[0] + 1):
+        for b in range(low[1], high[1] + 1):
+            for c in range(low[2], high[2] + 1):
+                if rank[a, b, c] >= nodes:
+                    continue
+                u, v, w = a - corners[p, 0], b - corners[p, 1], c - corners[p, 2]
+                first = inverse[0, 0] * u + inverse[0, 1] * v + inverse[0, 2] * w
+                second = inverse[1, 0] * u + inverse[1, 1] * v + inverse[1, 2] * w
+                third = inverse[2, 0] * u + inverse[2, 1] * v + inverse[2, 2] * w
+                zeroth = 1.0 - first - second - third
+                if min(zeroth, first, second, third) >= -_EDGE_SLACK:
+                    rank[a, b, c] = nodes
+                    for d in range(3):
+                        original[a, b, c, d] = (
+                            zeroth * rest[p, d]
+                            + first * rest[q, d]
+                            + second * rest[r, d]
+                            + third * rest[s, d]
+                        )
+
+
+@kernel
+def _invert(m, out):
+    """Inverse of a 3 x 3 matrix; false where it has none."""
+    c00 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
+    c01 = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
+    c02 = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
+    determinant = m[0, 0] * c00 + m[0, 1] * c01 + m[0, 2] * c02
+    if abs(determinant) < 1e-12:
+        return False
+    out[0, 0] = c00 / determinant
+    out[1, 0] = c01 / determinant
+    out[2, 0] = c02 / determinant
+    out[0, 1] = (m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]) / determinant
+    out[1, 1] = (m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]) / determinant
+    out[2, 1] = (m[0, 1] * m[2, 0] - m[0, 0] * m[2, 1]) / determinant
+    out[0, 2] = (m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]) / determinant
+    out[1, 2] = (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]) / determinant
+    out[2, 2] = (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) / determinant
+    return True

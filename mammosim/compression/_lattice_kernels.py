@@ -1,0 +1,71 @@
+"""Kernel that gathers a phantom's fine voxels into the nodes of the mechanical lattice."""
+
+import numpy as np
+from numba import prange
+
+from mammosim._jit import kernel, parallel_kernel
+
+
+@parallel_kernel
+def gather_blocks(labels, modulus_of, muscle_of, to_voxel, samples, fraction, modulus, muscle):
+    """Tissue fraction, mean modulus of the tissue, and muscle's part of it, in each node's block.
+
+    A node's block is sampled at ``samples ** 3`` points. `to_voxel` is (3, 4): it takes lattice
+    indices to fractional voxel indices of `labels`. `modulus_of` and `muscle_of` are tables over
+    labels; air has modulus 0. Outputs are 0 where a block holds no tissue.
+    """
+    nx, ny, nz = labels.shape
+    for i in prange(fraction.shape[0]):
+        for j in range(fraction.shape[1]):
+            for k in range(fraction.shape[2]):
+                tissue = 0
+                muscles = 0
+                total = 0.0
+                for a in range(samples):
+                    p = i + (a + 0.5) / samples - 0.5
+                    for b in range(samples):
+                        q = j + (b + 0.5) / samples - 0.5
+                        for c in range(samples):
+                            r = k + (c + 0.5) / samples - 0.5
+                            x = _row(to_voxel, 0, p, q, r)
+                            y = _row(to_voxel, 1, p, q, r)
+                            z = _row(to_voxel, 2, p, q, r)
+                            if 0 <= x < nx and 0 <= y < ny and 0 <= z < nz:
+                                label = labels[x, y, z]
+                                if modulus_of[label] > 0.0:
+                                    tissue += 1
+                                    total += modulus_of[label]
+                                    muscles += muscle_of[label]
+                if tissue > 0:
+                    fraction[i, j, k] = tissue / samples**3
+                    modulus[i, j, k] = total / tissue
+                    muscle[i, j, k] = muscles / tissue
+
+
+@parallel_kernel
+def tissue_outline(labels, out):
+    """``out[y, z]`` is true where any voxel along x is tissue."""
+    for j in prange(labels.shape[1]):
+        for i in range(labels.shape[0]):
+            for k in range(labels.shape[2]):
+                if labels[i, j, k] != 0:
+                    out[j, k] = True
+
+
+@parallel_kernel
+def tissue_reach(labels, wanted, out):
+    """``out[x]`` counts voxels of the wanted labels in each layer of constant x."""
+    for i in prange(labels.shape[0]):
+        count = 0
+        for j in range(labels.shape[1]):
+            for k in range(labels.shape[2]):
+                count += wanted[labels[i, j, k]]
+        out[i] = count
+
+
+@kernel
+def _row(matrix, row, p, q, r):
+    """Nearest voxel index along one axis of a lattice place."""
+    return int(
+        np.floor(matrix[row, 0] * p + matrix[row, 1] * q + matrix[row, 2] * r + matrix[row, 3] + 0.5)
+    )

@@ -1,0 +1,73 @@
+"""From an uncompressed breast to one between paddle and support."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from mammosim.compression.breast import CompressedBreast
+from mammosim.compression.settings import CompressionSettings
+from mammosim.compression.spring_model import compress_springs
+from mammosim.compression.uncompressed import leave_uncompressed
+from mammosim.config import to_settings
+from mammosim.errors import Interrupted, NotConverged
+from mammosim.geometry import View
+from mammosim.phantom import BreastPhantom
+
+MODELS: dict[str, Callable[..., CompressedBreast]] = {
+    "springs": compress_springs,
+    "none": leave_uncompressed,
+}
+"""Mechanical models by the name a configuration gives them."""
+
+
+def compress(
+    breast: BreastPhantom,
+    view: str | View = "CC",
+    *,
+    seed: int = 1,
+    watch: Callable[[np.void], None] | None = None,
+    **settings: Any,
+) -> CompressedBreast:
+    """Compress a breast between paddle and support.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    view : {"CC", "MLO", "ML"} or View
+    seed : int
+        Of what is random (the visiting order of `relaxation`).
+    watch : callable, optional
+        Called with each row of the history, for progress.
+    **settings
+        Keys of `CompressionSettings`: model, solver, thickness_mm, resolution_mm, ...
+
+    Returns
+    -------
+    CompressedBreast
+
+    Raises
+    ------
+    InputError
+        If a setting is wrong or does not fit the breast.
+    NotConverged
+        If the solver stopped before its tolerance; it carries what was reached.
+    Interrupted
+        If the user stopped it; it carries what was reached.
+    """
+    checked = to_settings(CompressionSettings, settings, "compress()", ("compression",))
+    if isinstance(view, str):
+        view = View(view, breast.laterality, checked.mlo_angle_deg)
+    squeezed = MODELS[checked.model](breast, view, checked, seed, watch)
+    if squeezed.interrupted:
+        raise Interrupted(f"{view.folder}: compression was interrupted", squeezed)
+    if not squeezed.converged:
+        raise NotConverged(
+            f"{view.folder}: {checked.solver} stopped at an estimated error of "
+            f"{squeezed.measures['error_voxel']:.3g} lattice units after "
+            f"{squeezed.history.size} iterations",
+            squeezed,
+        )
+    return squeezed

@@ -1,0 +1,176 @@
+"""The mechanical lattice of a phantom: nodes, their moduli, and which of them are held."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.compression._lattice_kernels import gather_blocks, tissue_outline, tissue_reach
+from mammosim.compression.connectivity import held_together
+from mammosim.errors import InputError
+from mammosim.geometry import View, VoxelFrame
+from mammosim.phantom import BreastPhantom
+from mammosim.tissues import stiffness_kpa
+
+SMALLEST_PART = 0.5
+"""A node is tissue where at least this part of its block is."""
+
+MOST_SAMPLES = 10
+"""Points along each axis at which a block is sampled; a 1 mm block of 0.1 mm voxels has 10."""
+
+MUSCLE_REACH_MM = 20.0
+"""Muscle that reaches further in front of the chest wall lies between the plates and must deform."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Nodes of the mechanical lattice, one layer of air around them.
+
+    Parameters
+    ----------
+    frame : VoxelFrame
+        Nodes at rest, compression frame, mm; x index 1 is the chest-wall layer.
+    modulus : ndarray of float32, [x, y, z]
+        Mean modulus of the tissue in each node's block, kPa; 0 in air.
+    muscle : ndarray of bool, [x, y, z]
+        Nodes whose tissue is mostly muscle.
+    notes : tuple of str
+    """
+
+    frame: VoxelFrame
+    modulus: NDArray[np.float32]
+    muscle: NDArray[np.bool_]
+    notes: tuple[str, ...]
+
+    @property
+    def tissue(self) -> NDArray[np.bool_]:
+        """Nodes that are tissue."""
+        return self.modulus > 0.0
+
+    @property
+    def height_mm(self) -> tuple[float, float]:
+        """Lowest and highest tissue node, compression frame, mm."""
+        layers = np.flatnonzero(self.tissue.any(axis=(0, 1)))
+        ends = self.frame.origin_mm[2] + layers[[0, -1]] * self.frame.spacing_mm[2]
+        return float(ends[0]), float(ends[1])
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Breast-frame x of the chest wall's and the muscle's faces, mm."""
+
+    chest_wall_mm: float
+    muscle_mm: float
+
+
+def tissue_front(breast: BreastPhantom) -> Reach:
+    """Where the chest wall is (outer face of the first tissue layer) and how far muscle reaches."""
+    layers = np.zeros(breast.labels.shape[0], np.int64)
+    tissue_reach(breast.labels, np.arange(256) > 0, layers)
+    some = np.flatnonzero(layers)
+    if some.size == 0:
+        raise InputError(f"{breast.source}: no tissue, every voxel is air")
+    face = breast.origin_mm[0] - 0.5 * breast.voxel_mm[0]
+    chest_wall = face + some[0] * breast.voxel_mm[0]
+    tissue_reach(breast.labels, _table(breast, "muscle"), layers)
+    some = np.flatnonzero(layers)
+    muscle = face + (some[-1] + 1) * breast.voxel_mm[0] if some.size else chest_wall
+    return Reach(float(chest_wall), float(muscle))
+
+
+def build_lattice(
+    breast: BreastPhantom, view: View, resolution_mm: float, stiffness_set: str
+) -> Lattice:
+    """Lattice of a phantom in the compression frame of a view.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    view : View
+    resolution_mm : float
+        Node spacing, mm.
+    stiffness_set : str
+        Set of the tissue table.
+
+    Notes
+    -----
+    Nodes that no chain of neighbours ties to the chest wall have no place of rest and are left out.
+    """
+    frame = _frame_around(breast, view, resolution_mm)
+    fraction, modulus, muscle = (np.zeros(frame.shape, np.float32) for _ in range(3))
+    samples = int(np.clip(np.ceil(resolution_mm / breast.voxel_mm.min() - 1e-6), 2, MOST_SAMPLES))
+    moduli = np.zeros(256, np.float32)
+    for label, tissue in breast.tissue_of_label.items():
+        if tissue != "air":
+            moduli[label] = stiffness_kpa(tissue, stiffness_set)
+    gather_blocks(
+        breast.labels, moduli, _table(breast, "muscle"), _to_voxel(breast, view, frame), samples,
+        fraction, modulus, muscle,
+    )  # fmt: skip
+    tissue = fraction >= SMALLEST_PART
+    tissue[[0, -1]] = tissue[:, [0, -1]] = tissue[:, :, [0, -1]] = False
+    chest_wall = np.zeros_like(tissue)
+    chest_wall[1] = True
+    held = tissue & held_together(tissue, chest_wall)
+    if not held.any():
+        raise InputError(
+            f"{breast.source}: no tissue node at the chest wall with compression.resolution_mm "
+            f"{resolution_mm}; use a finer resolution"
+        )
+    apart = int(np.count_nonzero(tissue) - np.count_nonzero(held))
+    notes = (f"{apart} lattice nodes are not tied to the chest wall and were left out",)
+    modulus[~held] = 0.0
+    return Lattice(frame, modulus, held & (muscle >= 0.5), notes if apart else ())
+
+
+def breast_volume_ml(breast: BreastPhantom) -> float:
+    """Volume of all tissue but muscle, mL."""
+    layers = np.zeros(breast.labels.shape[0], np.int64)
+    wanted = (np.arange(256) > 0) & ~_table(breast, "muscle")
+    tissue_reach(breast.labels, wanted, layers)
+    return float(layers.sum() * breast.voxel_mm.prod() * 1e-3)
+
+
+def bounds_mm(
+    breast: BreastPhantom, view: View
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest corner (3,) of the box around all tissue, compression frame, mm."""
+    outline = np.zeros(breast.labels.shape[1:], bool)
+    tissue_outline(breast.labels, outline)
+    corners = np.argwhere(outline)[:, :, None] + np.array([[-0.5, 0.5]])
+    y, z = (
+        breast.origin_mm[axis + 1] + corners[:, axis] * breast.voxel_mm[axis + 1]
+        for axis in range(2)
+    )
+    points = np.stack(np.broadcast_arrays(0.0, y[:, :, None], z[:, None, :]), axis=-1)
+    rotated = points.reshape(-1, 3) @ view.rotation.T
+    low, high = rotated.min(axis=0), rotated.max(axis=0)
+    layers = np.zeros(breast.labels.shape[0], np.int64)
+    tissue_reach(breast.labels, np.arange(256) > 0, layers)
+    ends = np.flatnonzero(layers)[[0, -1]] + np.array([-0.5, 0.5])
+    low[0], high[0] = breast.origin_mm[0] + ends * breast.voxel_mm[0]
+    return low, high
+
+
+def _frame_around(breast: BreastPhantom, view: View, h: float) -> VoxelFrame:
+    """Nodes that cover all tissue: from the chest wall forward, symmetric across y and z."""
+    low, high = bounds_mm(breast, view)
+    counts = np.ceil((high - low) / h - 1e-6).astype(int) + 2
+    origin = 0.5 * (low + high) - 0.5 * (counts - 1) * h
+    origin[0] = low[0] - 0.5 * h
+    return VoxelFrame(origin, np.full(3, h), (int(counts[0]), int(counts[1]), int(counts[2])))
+
+
+def _to_voxel(breast: BreastPhantom, view: View, frame: VoxelFrame) -> NDArray[np.float64]:
+    """(3, 4) matrix from lattice indices to fractional voxel indices."""
+    turned = view.rotation.T / breast.voxel_mm[:, None]
+    shift = turned @ frame.origin_mm - breast.origin_mm / breast.voxel_mm
+    return np.column_stack([turned * frame.spacing_mm, shift])
+
+
+def _table(breast: BreastPhantom, tissue: str) -> NDArray[np.bool_]:
+    wanted = np.zeros(256, bool)
+    wanted[[label for label, name in breast.tissue_of_label.items() if name == tissue]] = True
+    return wanted

@@ -1,0 +1,102 @@
+"""Paddle and breast support: where their faces and their edge are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mammosim.compression.lattice import Lattice, Reach
+from mammosim.compression.settings import CompressionSettings
+from mammosim.errors import InputError
+
+EDGE_BEFORE_WALL_MM = 5.0
+"""Plates' edge in front of the chest wall or fixed muscle, mm: tissue needs room to bend there."""
+
+MOST_OF_HEIGHT = 0.8
+"""A thickness from the population fit is at most this part of the breast's own height."""
+
+
+@dataclass(frozen=True)
+class Plates:
+    """Heights of the plates' faces (compression frame) and x of their edge (breast frame), mm."""
+
+    support_z_mm: float
+    paddle_z_mm: float
+    edge_mm: float
+
+    @property
+    def thickness_mm(self) -> float:
+        """Gap between the faces, mm."""
+        return self.paddle_z_mm - self.support_z_mm
+
+
+def population_thickness_mm(view: str, volume_ml: float) -> float:
+    """Compressed thickness of a population's breasts of a volume, mm.
+
+    CC 0.60 V / (0.073 V + 36.01) + 0.70 cm, with a standard deviation of 9 %; MLO (also taken for
+    ML) 0.66 V / (0.064 V + 74.53) + 1.58 cm; V in cm3 (M-PACT). It says nothing of one breast.
+
+    Examples
+    --------
+    >>> round(population_thickness_mm("CC", 600.0))
+    52
+    """
+    if view == "CC":
+        return 10.0 * (0.60 * volume_ml / (0.073 * volume_ml + 36.01) + 0.70)
+    return 10.0 * (0.66 * volume_ml / (0.064 * volume_ml + 74.53) + 1.58)
+
+
+def plate_edge_mm(settings: CompressionSettings, reach: Reach, muscle_fixed: bool) -> float:
+    """Breast-frame x of the plates' edge, mm."""
+    if settings.plate_edge_mm is not None:
+        return settings.plate_edge_mm
+    front = max(reach.chest_wall_mm, reach.muscle_mm) if muscle_fixed else reach.chest_wall_mm
+    return front + EDGE_BEFORE_WALL_MM
+
+
+def place_plates(
+    settings: CompressionSettings, lattice: Lattice, edge_mm: float, view: str, volume_ml: float
+) -> tuple[Plates, tuple[str, ...]]:
+    """Final place of the plates and what was assumed.
+
+    Raises
+    ------
+    InputError
+        If the plates would not touch the breast, or no tissue lies beyond their edge.
+    """
+    bottom, top = lattice.height_mm
+    nodes = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * _layers(lattice)
+    if not (nodes > edge_mm).any():
+        raise InputError(
+            f"compression.plate_edge_mm: found {edge_mm:g}, but tissue reaches only to "
+            f"x = {nodes.max():g} mm; must be smaller"
+        )
+    if settings.support_z_mm is not None and settings.paddle_z_mm is not None:
+        return Plates(settings.support_z_mm, settings.paddle_z_mm, edge_mm), ()
+    thickness, notes = settings.thickness_mm, ()
+    height = beyond_edge_height_mm(lattice, edge_mm)
+    if thickness is None:
+        fitted = population_thickness_mm(view, volume_ml)
+        thickness = min(fitted, MOST_OF_HEIGHT * height)
+        notes = (
+            f"{view}: thickness {thickness:.1f} mm from the population fit for "
+            f"{volume_ml:.0f} mL of breast",
+        )
+    elif thickness >= height:
+        raise InputError(
+            f"compression.thickness_mm: found {thickness:g}, but the breast between the plates is "
+            f"only {height:.1f} mm high in {view}; must be smaller"
+        )
+    middle = 0.5 * (bottom + top)
+    return Plates(middle - 0.5 * thickness, middle + 0.5 * thickness, edge_mm), notes
+
+
+def beyond_edge_height_mm(lattice: Lattice, edge_mm: float) -> float:
+    """Height of the tissue between the plates at rest, from face to face, mm."""
+    x = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * _layers(lattice)
+    first = int(_layers(lattice)[x > edge_mm][0])
+    layers = lattice.tissue[first:].any(axis=(0, 1)).nonzero()[0]
+    return float((layers[-1] - layers[0] + 1) * lattice.frame.spacing_mm[2])
+
+
+def _layers(lattice: Lattice):  # type: ignore[no-untyped-def]
+    return lattice.tissue.any(axis=(1, 2)).nonzero()[0]

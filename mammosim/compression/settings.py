@@ -1,0 +1,87 @@
+"""What a user may say about the compression."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from mammosim.config import Settings
+from mammosim.tissues import STIFFNESS_SETS
+
+
+class CompressionSettings(Settings):
+    """How the breast is compressed."""
+
+    model: Literal["springs", "none"] = "springs"
+    """Mechanical model; `none` leaves the breast as it is (or as it was compressed before)."""
+
+    solver: Literal["multigrid", "relaxation"] = "multigrid"
+    """Solver of the spring model: `relaxation` is the thesis' own, `multigrid` reaches the same
+    equilibrium far sooner."""
+
+    thickness_mm: float | None = Field(None, gt=0)
+    """Gap between the plates' faces, mm; left out: from the breast's volume by the population fit
+    of Hogg et al. (M-PACT)."""
+
+    force_n: float | None = Field(None, gt=0)
+    """Force on the paddle, N, in place of a thickness."""
+
+    support_z_mm: float | None = None
+    """Final height of the breast support's face, compression frame, mm; with `paddle_z_mm`."""
+
+    paddle_z_mm: float | None = None
+    """Final height of the paddle's face, compression frame, mm; with `support_z_mm`."""
+
+    resolution_mm: float = Field(1.0, ge=0.1, le=10)
+    """Node spacing of the mechanical lattice, mm; 1 mm resolves skin and glandular lobes."""
+
+    mlo_angle_deg: float = Field(45.0, ge=30, le=60)
+    """Angle of the plates' normal from superior towards medial in MLO, degrees."""
+
+    chest_wall: Literal["fixed"] = "fixed"
+    """How the chest-wall plane is held: `fixed` wholly."""
+
+    muscle: Literal["fixed", "soft"] | None = None
+    """Whether labelled muscle is held or deforms with the breast; left out: `soft` where it
+    reaches more than 20 mm in front of the chest wall, so that it lies between the plates, else
+    `fixed`, as FDA's VICTRE has it."""
+
+    plate_edge_mm: float | None = None
+    """Breast-frame x of the plates' edge, mm; left out: 5 mm in front of the chest wall and, where
+    muscle is `fixed`, of the muscle."""
+
+    stiffness: str = "thesis"
+    """Stiffness set of the tissue table; `thesis` is what the spring model was published with."""
+
+    tolerance_voxel: float = Field(1e-3, gt=0, le=0.1)
+    """Largest estimated distance of a node from equilibrium at which `multigrid` stops, lattice
+    units."""
+
+    relaxation_limit_voxel: float = Field(1e-4, gt=0, le=0.1)
+    """Mean displacement of a node in a sweep at which `relaxation` stops, lattice units; 1/10 000
+    in the thesis."""
+
+    max_sweeps: int = Field(20_000, ge=1)
+    """Sweeps after which `relaxation` gives up."""
+
+    @field_validator("stiffness")
+    @classmethod
+    def _known_set(cls, value: str) -> str:
+        if value not in STIFFNESS_SETS:
+            raise ValueError(f"expected one of {', '.join(STIFFNESS_SETS)}")
+        return value
+
+    @model_validator(mode="after")
+    def _one_way_to_say_how_far(self) -> Self:
+        heights = (self.support_z_mm is not None, self.paddle_z_mm is not None)
+        if heights[0] != heights[1]:
+            raise ValueError("support_z_mm and paddle_z_mm are given together or not at all")
+        ways = [self.thickness_mm is not None, self.force_n is not None, all(heights)]
+        if sum(ways) > 1:
+            raise ValueError(
+                "give one of thickness_mm, force_n, or support_z_mm with paddle_z_mm"
+            )
+        if all(heights) and self.paddle_z_mm <= self.support_z_mm:  # type: ignore[operator]
+            raise ValueError("paddle_z_mm must be greater than support_z_mm")
+        return self
