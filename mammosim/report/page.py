@@ -110,7 +110,7 @@ def _case(views: Sequence[ReportedView], targets: Sequence[Target]) -> str:
     if mammograms:
         first = mammograms[0]
         parts.append(f"{first.target}/{first.filter} {first.kvp:g} kV")
-    count = len({target.target_id for target in targets if is_lesion(target)})
+    count = sum(is_lesion(entry["first"]) for entry in _lesions(views, targets))
     parts.append({0: "no lesion", 1: "1 lesion"}.get(count, f"{count} lesions"))
     return " · ".join(parts)
 

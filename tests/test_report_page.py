@@ -1,0 +1,311 @@
+"""The report's page: complete, self-contained, and honest about what is missing."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import io
+import itertools
+import re
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from make_records import HISTORY, make_compressed, make_gantry, make_mammogram, make_targets
+from PIL import Image
+
+from mammosim.geometry import View
+from mammosim.report import ReportedView, ReportSettings, render_report, run_record
+from mammosim.report.figures import convergence_svg, picture_data_uri
+from mammosim.report.markers import markers, shift_arrows
+
+VOID = {"meta", "br", "link", "img", "hr", "input", "area", "base", "col", "embed", "source"}
+
+
+class Page(HTMLParser):
+    """Elements of a page; fails on tags that do not close in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.elements: list[tuple[str, dict[str, str]]] = []
+        self.text = ""
+        self._open: list[str] = []
+        self.feed(text)
+        assert self._open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        self.text += " " if tag in ("td", "th") else ""
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self._open:
+            self.text += data
+
+    def all(self, tag: str) -> list[dict[str, str]]:
+        return [attributes for found, attributes in self.elements if found == tag]
+
+    @property
+    def words(self) -> str:
+        return " ".join(self.text.split())
+
+
+@pytest.fixture
+def record(tmp_path):
+    return run_record(
+        tmp_path, status="done", seed=3, settings={}, stage_seconds={"compress": 1.5},
+        warnings=["The side was assumed."], run_hash="ab" * 32,
+    )  # fmt: skip
+
+
+def views_of(*views: View, **changes) -> list[ReportedView]:
+    return [ReportedView(make_compressed(view, **changes), make_mammogram(view)) for view in views]
+
+
+def targets_of(*views: View):
+    return [target for view in views for target in make_targets(view)]
+
+
+LEFT = (View("CC", "L"), View("MLO", "L"))
+BOTH = (View("MLO", "L"), View("CC", "L"), View("MLO", "R"), View("CC", "R"))
+
+
+def test_the_page_is_well_formed_and_loads_nothing(record):
+    page = Page(render_report(views_of(*LEFT), targets_of(*LEFT), record, title="quickstart"))
+    tags = {tag for tag, _ in page.elements}
+    assert not tags & {"script", "link", "iframe", "object", "base"}
+    for tag, attributes in page.elements:
+        for name in ("src", "href", "xlink:href", "srcset", "data"):
+            value = attributes.get(name, "#")
+            loaded_from_elsewhere = not value.startswith(("#", "data:image/"))
+            assert not loaded_from_elsewhere or tag == "a", (tag, value)
+    for style in re.findall(r"url\(([^)]*)\)", render_report(views_of(*LEFT), [], record)):
+        assert style.startswith("#")
+
+
+def test_headings_are_in_order_and_every_picture_has_words(record):
+    page = Page(render_report(views_of(*LEFT), targets_of(*LEFT), record))
+    levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch("h[1-6]", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after - before <= 1 for before, after in itertools.pairwise(levels))
+    named = [a["aria-label"] for tag, a in page.elements if a.get("role") == "img"]
+    assert sum(label.startswith("Simulated mammogram") for label in named) == 2
+    assert "showing mass 1, calcs, clip A" in named[0]
+    assert page.all("html")[0]["lang"] == "en"
+
+
+def test_the_case_is_told_in_one_line(record):
+    text = Page(render_report(views_of(*LEFT), targets_of(*LEFT), record)).words
+    assert "Left breast, CC and MLO" in text
+    assert (
+        "hemisphere.nii.gz · compressed to LCC 52.0 mm, LMLO 52.0 mm · W/Rh 28 kV · 3 lesions"
+    ) in text
+
+
+def test_views_hang_right_before_left_and_cc_before_mlo(record):
+    page = Page(render_report(views_of(*BOTH), targets_of(*BOTH), record))
+    shown = re.findall(r"Simulated mammogram (\w+)", str(page.elements))
+    assert shown == ["RCC", "LCC", "RMLO", "LMLO"]
+    assert "Both breasts, CC and MLO" in page.words
+    assert "6 lesions" in page.words
+
+
+def test_each_lesion_is_marked_where_its_target_projects():
+    for view in BOTH:
+        gantry = make_gantry(view)
+        targets = make_targets(view)
+        marks = {mark.name: mark for mark in markers(targets, gantry)}
+        assert set(marks) == {"mass 1", "calcs", "clip A", "nipple"}  # the landmark is outside
+        for target in targets[:3]:
+            mark = marks[target.name]
+            # SVG counts from the first pixel's corner, the table from its centre.
+            assert (mark.x - 0.5, mark.y - 0.5) == (target.image_col_px, target.image_row_px)
+            assert mark.text == str(target.target_id)
+            radius_mm = (3 * target.volume_mm3 / (4 * np.pi)) ** (1 / 3)
+            assert mark.radius * gantry.pixel_mm > radius_mm
+
+
+def test_marks_are_in_the_page_at_those_places(record):
+    view = LEFT[0]
+    page = Page(render_report(views_of(view), make_targets(view), record))
+    circles = [(float(c["cx"]), float(c["cy"])) for c in page.all("circle") if "cx" in c]
+    for target in make_targets(view)[:3]:
+        at = (target.image_col_px + 0.5, target.image_row_px + 0.5)
+        # One decimal is written.
+        assert any(np.hypot(x - at[0], y - at[1]) < 0.08 for x, y in circles)
+
+
+def test_text_stands_towards_the_nipple_unless_the_picture_ends_there():
+    left, right = (
+        {mark.name: mark for mark in markers(make_targets(view), make_gantry(view))}
+        for view in (View("CC", "L"), View("CC", "R"))
+    )
+    assert left["mass 1"].anchor == "start"
+    assert right["mass 1"].anchor == "end"
+    edge = dataclasses.replace(make_targets(View("CC", "L"))[0], image_col_px=118.0)
+    assert markers([edge], make_gantry(View("CC", "L")))[0].anchor == "end"
+
+
+def test_the_lesion_table_says_where_and_how_far(record):
+    text = Page(render_report(views_of(*LEFT), targets_of(*LEFT), record)).words
+    assert "1 mass 1 Mass 12.0 1:30 21.5 9.2 5.1 24.1 5.1 24.1" in text
+    assert "4 axillary tail Landmark – 1:30 21.5 9.2 5.1 not in picture" in text
+    assert "Not in this picture: 4 axillary tail" in text
+
+
+def test_the_frontal_drawing_faces_the_patient():
+    """The patient's left is the viewer's right; superior is up, which is negative in SVG."""
+    view = View("CC", "L")
+    target = dataclasses.replace(
+        make_targets(view)[0], y_mm=30.0, z_mm=40.0, shift_y_mm=1.0, shift_z_mm=5.0
+    )
+    drawing = shift_arrows({"LCC": [target]}, np.array([40.0, 10.0, 10.0]))
+    assert drawing["dots"] == [(1, "mass 1", 20.0, -30.0)]
+    assert drawing["arrows"] == [(0, "LCC", 20.0, -30.0, 1.0, -5.0)]
+    assert drawing["rings"] == [20.0, 40.0, 60.0]  # the arrow ends at hypot(21, 35) = 40.8
+
+
+def test_compression_and_exposure_are_in_units_a_radiologist_reads(record):
+    text = Page(render_report(views_of(LEFT[0]), [], record)).words
+    assert "Compressed thickness 52.0 mm" in text
+    assert "Force on the paddle 91.3 N" in text
+    assert "Contact area 81.23 cm²" in text
+    assert "Volume before 134 mL" in text
+    assert "Inverted cells 3" in text
+    assert "Mean glandular dose 1.46 mGy" in text
+    assert "Density 17.3 %" in text
+
+
+def test_warnings_are_all_shown_and_each_once(record):
+    views = views_of(*LEFT, notes=("Three cells inverted.", "The side was assumed."))
+    text = Page(render_report(views, [], record)).words
+    assert "Warnings" in text
+    assert text.count("The side was assumed.") == 1
+    assert text.count("Three cells inverted.") == 1
+
+
+@pytest.mark.parametrize(
+    ("status", "said"),
+    [("not converged", "This run did not converge"), ("interrupted", "This run was interrupted")],
+)
+def test_a_run_that_is_not_done_says_so_before_anything_else(record, status, said):
+    text = Page(render_report(views_of(*LEFT), [], record | {"status": status})).words
+    assert said in text
+    assert text.index(said) < text.index("Mammograms")
+    assert said not in Page(render_report(views_of(*LEFT), [], record)).words
+
+
+def test_a_view_without_image_is_reported_as_far_as_it_came(record):
+    views = [ReportedView(make_compressed(LEFT[0], converged=False))]
+    text = Page(render_report(views, [], record | {"status": "not converged"})).words
+    assert "LCC: no image was made." in text
+    assert "Converged no" in text
+    assert "Exposure and dose" not in text
+
+
+def test_an_empty_run_still_has_a_page(record):
+    text = Page(render_report([], [], record | {"status": "interrupted"})).words
+    assert "No view was computed." in text
+    assert "No image was made." in text
+    assert "no lesions and no landmarks" in text
+
+
+def test_missing_numbers_are_dashes(record):
+    squeezed = make_compressed(LEFT[0])
+    measures = dict(squeezed.measures) | {"force_n": float("nan")}
+    view = ReportedView(dataclasses.replace(squeezed, measures=measures))
+    text = Page(render_report([view], [], record)).words
+    assert "Force on the paddle – N" in text
+    assert "nan" not in text
+
+
+def test_names_cannot_break_the_page(record):
+    nasty = "<script>alert(\"x\")</script> & 'co'"
+    targets = [dataclasses.replace(target, name=nasty) for target in make_targets(LEFT[0])]
+    page = Page(render_report(views_of(LEFT[0]), targets, record, title=nasty))
+    assert page.all("script") == []
+    assert nasty in page.text
+
+
+def test_versions_times_and_references_are_told(record):
+    page = Page(render_report(views_of(LEFT[0]), [], record))
+    assert f"numpy {np.__version__}" in page.words
+    assert "compress 1.5 s" in page.words
+    assert "Seed 3" in page.words
+    links = [a["href"] for a in page.all("a")]
+    assert "https://doi.org/10.1016/j.ejmp.2020.04.026" in links
+
+
+def test_the_page_is_the_same_every_time(record):
+    pages = {render_report(views_of(*LEFT), targets_of(*LEFT), record) for _ in range(2)}
+    assert len(pages) == 1
+
+
+def picture(uri: str) -> np.ndarray:
+    head, data = uri.split(",", 1)
+    assert head == "data:image/jpeg;base64"
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))))
+
+
+def test_the_picture_is_reduced_by_whole_factors_and_windowed():
+    mammogram = make_mammogram(LEFT[0])
+    flat = dataclasses.replace(
+        mammogram,
+        for_presentation=np.repeat(np.array([[0], [100], [200]], np.uint16), 4, axis=0)
+        .repeat(12, axis=1),
+        window_center=100.5,
+        window_width=201.0,
+    )  # fmt: skip
+    whole, half = picture(picture_data_uri(flat, 100)), picture(picture_data_uri(flat, 6))
+    assert whole.shape == (12, 12)
+    assert half.shape == (6, 6)
+    # JPEG is not exact; at this quality it keeps flat areas within a few grey levels.
+    np.testing.assert_allclose(half[[0, 5], 0], [0, 255], atol=6)
+    np.testing.assert_allclose(whole[[0, 11], 0], [0, 255], atol=6)
+
+
+def test_a_reduced_picture_covers_what_the_whole_one_does():
+    """13 rows by a factor of 2: the last row is kept, repeated."""
+    mammogram = make_mammogram(LEFT[0])
+    odd = dataclasses.replace(mammogram, for_presentation=np.zeros((13, 9), np.uint16))
+    assert picture(picture_data_uri(odd, 6)).shape == (7, 5)
+
+
+def test_the_settings_reduce_the_page(record):
+    sizes = [
+        len(render_report(views_of(*LEFT), [], record, ReportSettings(picture_rows=rows)))
+        for rows in (60, 240)
+    ]
+    assert sizes[0] < sizes[1]
+
+
+def test_the_convergence_curve_is_svg_in_the_pages_colour():
+    svg = convergence_svg(HISTORY, "LCC")
+    root = ElementTree.fromstring(svg.replace("xlink:", ""))
+    assert root.tag.endswith("svg")
+    assert "currentColor" in svg
+    assert "residual" in svg
+    assert "mean move mm" in svg
+    assert "settled" not in svg
+    assert svg == convergence_svg(HISTORY, "LCC")
+
+
+@pytest.mark.parametrize(
+    "history",
+    [
+        np.zeros(0, dtype=[("iteration", "i4"), ("residual", "f8")]),
+        np.zeros(3, dtype=[("iteration", "i4"), ("residual", "f8")]),
+        np.zeros(3, dtype=[("iteration", "i4")]),
+    ],
+)
+def test_without_anything_to_draw_there_is_no_curve(history):
+    assert convergence_svg(history, "LCC") == ""
