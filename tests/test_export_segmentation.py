@@ -58,7 +58,29 @@ def test_masks_are_found_by_name_not_by_order():
 
 def test_a_lesion_without_target_is_refused():
     targets = [target for target in make_targets(VIEWS[0]) if target.name != "calcs"]
-    with pytest.raises(InputError, match="lesion 'calcs' has no row among the targets, which are"):
+    with pytest.raises(InputError, match="lesion 'calcs' has no row among the targets"):
+        lesion_masks(make_paths(VIEWS[0]), targets)
+
+
+def test_lesions_of_one_name_are_told_apart_by_label_and_id():
+    paths = dataclasses.replace(
+        make_paths(VIEWS[0]),
+        tissues=("adipose", "gland", "mass", "mass", "mass"),
+        lesion_labels=(0, 0, 152, 151, 153),
+    )
+    targets = [dataclasses.replace(target, name="mass") for target in make_targets(VIEWS[0])]
+    masks = lesion_masks(paths, targets)
+    assert [lesion.target.target_id for lesion in masks] == [1, 2, 3]
+    for lesion, channel in zip(masks, (3, 2, 4), strict=True):
+        np.testing.assert_array_equal(lesion.mask, paths.length_mm[channel] > 0)
+
+
+def test_the_backgrounds_value_is_no_target_id():
+    targets = [
+        dataclasses.replace(target, target_id=target.target_id - 1)
+        for target in make_targets(VIEWS[0])
+    ]
+    with pytest.raises(InputError, match="lesion 'mass 1': found target_id 0, expected 1 or more"):
         lesion_masks(make_paths(VIEWS[0]), targets)
 
 

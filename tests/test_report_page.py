@@ -236,6 +236,12 @@ def test_names_cannot_break_the_page(record):
     assert nasty in page.text
 
 
+def test_the_settings_are_there_to_be_unfolded(record):
+    page = Page(render_report([], [], record | {"settings": {"compression": {"force_n": 90.5}}}))
+    assert len(page.all("details")) == 1
+    assert '"force_n": 90.5' in page.text
+
+
 def test_versions_times_and_references_are_told(record):
     page = Page(render_report(views_of(LEFT[0]), [], record))
     assert f"numpy {np.__version__}" in page.words
@@ -283,7 +289,7 @@ def test_a_reduced_picture_covers_what_the_whole_one_does():
 def test_the_settings_reduce_the_page(record):
     sizes = [
         len(render_report(views_of(*LEFT), [], record, ReportSettings(picture_rows=rows)))
-        for rows in (60, 240)
+        for rows in (120, 240)
     ]
     assert sizes[0] < sizes[1]
 

@@ -35,7 +35,8 @@ def lesion_masks(paths: PathLengths, targets: Sequence[Target]) -> list[LesionMa
     ----------
     paths : PathLengths
     targets : sequence of Target
-        Targets of this view; channel and target belong together by the lesion's name.
+        Targets of this view. Channel and target belong together by the lesion's name; lesions of
+        one name by the order of their labels and ids.
 
     Returns
     -------
@@ -46,21 +47,32 @@ def lesion_masks(paths: PathLengths, targets: Sequence[Target]) -> list[LesionMa
     Raises
     ------
     InputError
-        If a lesion channel has no target.
+        If a lesion channel has no target, or a lesion's target id is not a whole number from 1.
     """
-    target_of = {
-        target.name: target for target in targets if target.kind not in ("landmark", "nipple")
-    }
-    found = []
-    for channel, label in enumerate(paths.lesion_labels):
-        if label == 0:
-            continue
-        name = paths.tissues[channel]
-        if name not in target_of:
-            known = ", ".join(sorted(target_of)) or "none"
-            raise InputError(f"lesion '{name}' has no row among the targets, which are: {known}")
-        found.append(LesionMask(target_of[name], paths.length_mm[channel] > 0.0))
+    waiting: dict[str, list[Target]] = {}
+    for target in sorted(targets, key=lambda target: target.target_id):
+        if target.kind not in ("landmark", "nipple"):
+            waiting.setdefault(target.name, []).append(target)
+    channels = [channel for channel, label in enumerate(paths.lesion_labels) if label != 0]
+    channels.sort(key=lambda channel: paths.lesion_labels[channel])
+    found = [
+        LesionMask(_next_target(paths.tissues[channel], waiting), paths.length_mm[channel] > 0.0)
+        for channel in channels
+    ]
     return sorted(found, key=lambda lesion: lesion.target.target_id)
+
+
+def _next_target(name: str, waiting: dict[str, list[Target]]) -> Target:
+    if not waiting.get(name):
+        known = ", ".join(sorted(name for name, left in waiting.items() if left)) or "none"
+        raise InputError(f"lesion '{name}' has no row among the targets; rows left over: {known}")
+    target = waiting[name].pop(0)
+    if target.target_id < 1:
+        raise InputError(
+            f"lesion '{name}': found target_id {target.target_id}, expected 1 or more, "
+            "since 0 is the background of lesion_mask.tif"
+        )
+    return target
 
 
 def label_image(masks: Sequence[LesionMask], shape: tuple[int, int]) -> NDArray[np.unsignedinteger]:

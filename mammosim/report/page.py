@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
@@ -78,6 +79,7 @@ def render_report(
         exposed=[view.squeezed.view.folder for view in ordered if view.mammogram],
         exposure=_exposure_rows([view.mammogram for view in ordered if view.mammogram]),
         record=record,
+        settings_text=json.dumps(record.get("settings"), indent=2, ensure_ascii=False, default=str),
         not_known=NOT_KNOWN,
     )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pydantic import Field
+
 from mammosim.config import Settings
 
 
@@ -11,5 +13,5 @@ class ReportSettings(Settings):
     html: bool = True
     """Write the report as one self-contained page."""
 
-    picture_rows: int = 1400
+    picture_rows: int = Field(default=1400, ge=100)
     """Height that the report's pictures are reduced to, pixels; the files keep every pixel."""
