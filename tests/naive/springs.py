@@ -1,0 +1,69 @@
+"""Slow, plain twins of the spring lattice's kernels, straight from the model's definition."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+NEIGHBOURS = [offset for offset in product((-1, 0, 1), repeat=3) if any(offset)]
+
+
+def stiffness(modulus: np.ndarray, n: tuple, m: tuple) -> float:
+    return float(min(modulus[n], modulus[m]))
+
+
+def cell_stretch(modulus: np.ndarray, z: np.ndarray, cell: tuple) -> float | None:
+    i, j, k = cell
+    edges = []
+    for a, b in product((0, 1), repeat=2):
+        low, high = (i + a, j + b, k), (i + a, j + b, k + 1)
+        if modulus[low] > 0 and modulus[high] > 0:
+            edges.append(z[high] - z[low])
+    return 1.0 / np.sqrt(max(np.mean(edges), 0.1)) if edges else None
+
+
+def equilibrium_length(modulus: np.ndarray, z: np.ndarray, n: tuple, offset: tuple) -> np.ndarray:
+    """(Dx, Dy, Dz) of the spring from n to n + offset."""
+    m = tuple(np.add(n, offset))
+    shared = []
+    for cell in product(*[(index - 1, index) for index in n]):
+        corners = set(product(*[(c, c + 1) for c in cell]))
+        if n in corners and m in corners:
+            stretch = cell_stretch(modulus, z, cell)
+            if stretch is not None:
+                shared.append(stretch)
+    mean = np.mean(shared) if shared else 1.0
+    return np.array([offset[0] * mean, offset[1] * mean, offset[2]])
+
+
+def net_force(modulus: np.ndarray, places: np.ndarray, n: tuple) -> np.ndarray:
+    """Net force on node n; `places` is [component, x, y, z]."""
+    total = np.zeros(3)
+    for offset in NEIGHBOURS:
+        m = tuple(np.add(n, offset))
+        gap = places[(slice(None), *m)] - places[(slice(None), *n)]
+        length = equilibrium_length(modulus, places[2], n, offset)
+        total += stiffness(modulus, n, m) * (gap - length)
+    return total
+
+
+def sweep(modulus, fixed, places, orders, plates) -> np.ndarray:
+    """The thesis' sweep, in place; returns the summed |dx|, |dy|, |dz| and their number."""
+    lower, upper, edge, chest = plates
+    sums = np.zeros(4)
+    for n in product(*orders):
+        if modulus[n] == 0 or fixed[n]:
+            continue
+        weight = modulus[n] + sum(
+            stiffness(modulus, n, tuple(np.add(n, offset))) for offset in NEIGHBOURS
+        )
+        move = net_force(modulus, places, n) / weight
+        places[(0, *n)] = max(places[(0, *n)] + move[0], chest)
+        places[(1, *n)] += move[1]
+        z = places[(2, *n)] + move[2]
+        between = places[(0, *n)] > edge
+        places[(2, *n)] = np.clip(z, lower, upper) if between else z
+        if between and lower < places[(2, *n)] < upper:
+            sums += [*np.abs(move), 1.0]
+    return sums
