@@ -148,14 +148,21 @@ def present_kernel(
     cell: float,
     low: float,
     high: float,
+    shoulder: float,
     maximum: float,
     out_pixels: NDArray[np.uint16],
 ) -> None:
-    """Add the coarse correction, interpolated linearly, and map `low`..`high` to 0..maximum."""
+    """Add the coarse correction, interpolated linearly, and show the sum as grey.
+
+    ``v = (level - low) / (high - low)``; from `shoulder` on the curve nears white as
+    ``1 - (1 - shoulder) exp(-(v - shoulder) / (1 - shoulder))``, with the same slope there.
+    """
     rows, columns = attenuation.shape
     for row in numba.prange(rows):
         for column in range(columns):
             extra = _interpolated(added, (row + 0.5) / cell - 0.5, (column + 0.5) / cell - 0.5)
             level = attenuation[row, column] + extra
-            shown = min(max((level - low) / (high - low), 0.0), 1.0)
+            shown = max((level - low) / (high - low), 0.0)
+            if shown > shoulder:
+                shown = 1.0 - (1.0 - shoulder) * exp((shoulder - shown) / (1.0 - shoulder))
             out_pixels[row, column] = int(shown * maximum + 0.5)

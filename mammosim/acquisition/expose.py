@@ -22,7 +22,6 @@ from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import Response, primary, rays_of, response
 from mammosim.acquisition.spectrum import Beam, make_beam
 from mammosim.config import to_settings
-from mammosim.errors import InputError
 from mammosim.projection.paths import PathLengths
 from mammosim.tissues import composition
 
@@ -95,10 +94,6 @@ def expose(paths: PathLengths, *, seed: int = 1, **keys: Any) -> Mammogram:
 
 
 def _beam(settings: AcquisitionSettings, paths: PathLengths) -> Beam:
-    if settings.mas is not None and not settings.mas > 0.0:
-        raise InputError(
-            f"acquisition.mas: found {settings.mas:g}, expected more than 0 mAs (zero dose)"
-        )
     kvp = settings.kvp
     if kvp is None:
         kvp = kvp_by_thickness(settings.target, paths.thickness_mm)

@@ -13,13 +13,20 @@ from mammosim.acquisition.blocks import block_mean, cell_pixels
 
 CELL_MM = 0.5  # grid of mask and distance to the skin
 AIR_LEVEL = 0.04  # attenuation (ln) that tells tissue from air: half a millimetre of skin
+CONTOUR_SIGMA_MM = 1.5  # distances are smoothed by it: the edge of the mask is a staircase
 MARGIN_MM = 30.0  # the breast is at full thickness this far from its edge at the latest
+LOCAL_SIGMA_MM = 3.0  # what is thinner than the margin's profile on this scale (nipple, folds)
+LOCAL_DEPTH_MM = 15.0  # is looked at on its own up to this depth
 PROFILE_QUANTILE = 0.30  # fat between gland: what the margin is equalised by
 STRENGTH = 0.90  # part of the missing thickness that is made up
 SKIN_RAMP_MM = 2.5  # over which equalisation sets in, so that the skin line stands against air
-FAT_QUANTILE, GLAND_QUANTILE = 0.10, 0.995
-FAT_LEVEL = 0.30  # grey of fat, as part of the range, on clinical mammograms
-LEAST_CONTRAST = 0.45  # ln; a fatty breast is not stretched beyond this
+FAT_QUANTILE, GLAND_QUANTILE = 0.10, 0.99
+FAT_LEVEL = 0.28  # grey of fat, as part of the range, on clinical mammograms
+# Contrast (ln) of what is shown at white, above fat: a fatty breast is not stretched beyond the
+# first, and muscle or an all-dense breast (about 28 mm of gland more than its neighbour) beyond
+# the second goes into the shoulder of the curve.
+LEAST_CONTRAST, MOST_CONTRAST = 0.45, 0.85
+SHOULDER = 0.75  # grey from which the curve bends, as film's does
 MAXIMUM = 4095  # 12 bits
 
 
@@ -66,11 +73,12 @@ def present(attenuation: NDArray[np.float32], pixel_mm: float) -> Presentation:
     breast = _breast_mask(coarse)
     if not breast.any():
         return Presentation(np.zeros(attenuation.shape, np.uint16), (MAXIMUM + 1) / 2, MAXIMUM + 1)
-    depth_mm = _signed_depth(breast) * cell * pixel_mm
-    added = _missing_attenuation(coarse, breast, depth_mm)
+    cell_mm = cell * pixel_mm
+    depth_mm = _signed_depth(breast, CONTOUR_SIGMA_MM / cell_mm) * cell_mm
+    added = _missing_attenuation(coarse, breast, depth_mm, cell_mm)
     low, high = _levels((coarse + added)[depth_mm > SKIN_RAMP_MM], (coarse + added)[breast])
     pixels = np.empty(attenuation.shape, np.uint16)
-    present_kernel(attenuation, added, float(cell), low, high, float(MAXIMUM), pixels)
+    present_kernel(attenuation, added, float(cell), low, high, SHOULDER, float(MAXIMUM), pixels)
     return Presentation(pixels, (MAXIMUM + 1) / 2, float(MAXIMUM + 1))
 
 
@@ -85,7 +93,7 @@ def _breast_mask(coarse: NDArray[np.float64]) -> NDArray[np.bool_]:
     return filled
 
 
-def _signed_depth(breast: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _signed_depth(breast: NDArray[np.bool_], sigma_cells: float) -> NDArray[np.float64]:
     """Distance to the edge of the breast in cells, negative in air.
 
     The image's border is no edge: where the breast is cut off, it goes on.
@@ -94,12 +102,16 @@ def _signed_depth(breast: NDArray[np.bool_]) -> NDArray[np.float64]:
         return np.full(breast.shape, float(sum(breast.shape)))
     inside = ndimage.distance_transform_edt(breast)
     outside = ndimage.distance_transform_edt(~breast)
-    depth: NDArray[np.float64] = np.where(breast, inside - 0.5, 0.5 - outside)
-    return depth
+    depth = np.where(breast, inside - 0.5, 0.5 - outside)
+    smooth: NDArray[np.float64] = ndimage.gaussian_filter(depth, sigma_cells, mode="nearest")
+    return smooth
 
 
 def _missing_attenuation(
-    coarse: NDArray[np.float64], breast: NDArray[np.bool_], depth_mm: NDArray[np.float64]
+    coarse: NDArray[np.float64],
+    breast: NDArray[np.bool_],
+    depth_mm: NDArray[np.float64],
+    cell_mm: float,
 ) -> NDArray[np.float64]:
     """What the margin lacks against the plateau, ln units, on the coarse grid; 0 in air."""
     centres = np.arange(0.5, MARGIN_MM, 1.0)
@@ -112,15 +124,29 @@ def _missing_attenuation(
         return np.zeros_like(coarse)
     profile = np.interp(centres, centres[known], np.array(levels)[known])
     profile = np.maximum.accumulate(ndimage.gaussian_filter1d(profile, 1.0, mode="nearest"))
-    lacking = STRENGTH * (profile[-1] - np.interp(depth_mm, centres, profile))
+    expected = np.interp(depth_mm, centres, profile)
+    local = _local_mean(coarse, breast, LOCAL_SIGMA_MM / cell_mm)
+    shallow = np.clip(2.0 - depth_mm / LOCAL_DEPTH_MM, 0.0, 1.0)
+    thinner = shallow * np.maximum(expected - local, 0.0)
     ramp = np.clip(depth_mm / SKIN_RAMP_MM, 0.0, 1.0)
+    lacking = STRENGTH * (profile[-1] - expected + thinner)
     return np.where(breast, lacking * ramp * ramp * (3.0 - 2.0 * ramp), 0.0)
 
 
+def _local_mean(
+    coarse: NDArray[np.float64], breast: NDArray[np.bool_], sigma_cells: float
+) -> NDArray[np.float64]:
+    """Weighted mean of the neighbourhood that belongs to the breast."""
+    weight = ndimage.gaussian_filter(breast.astype(np.float64), sigma_cells, mode="nearest")
+    total = ndimage.gaussian_filter(np.where(breast, coarse, 0.0), sigma_cells, mode="nearest")
+    mean: NDArray[np.float64] = total / np.maximum(weight, 1e-3)
+    return mean
+
+
 def _levels(inner: NDArray[np.float64], whole: NDArray[np.float64]) -> tuple[float, float]:
-    """Equalised attenuation that is shown black, and that shown white."""
+    """Equalised attenuation that is shown black, and that at the straight curve's white."""
     values = inner if inner.size else whole
     fat, gland = np.quantile(values, [FAT_QUANTILE, GLAND_QUANTILE])
-    contrast = max(float(gland - fat), LEAST_CONTRAST)
+    contrast = float(np.clip(gland - fat, LEAST_CONTRAST, MOST_CONTRAST))
     low = float(fat) - contrast * FAT_LEVEL / (1.0 - FAT_LEVEL)
     return low, float(fat) + contrast

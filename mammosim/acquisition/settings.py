@@ -2,28 +2,80 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from collections.abc import Callable, Iterable
+from typing import Annotated
 
+from pydantic import AfterValidator, Field, WithJsonSchema
+
+from mammosim.acquisition.detectors import DETECTORS
+from mammosim.acquisition.spectrum import FILTER_MM
+from mammosim.acquisition.tube import KVP_RANGE, TARGETS
 from mammosim.config import Settings
+from mammosim.tissues import CALCIFICATIONS, COMPOSITION_SETS
+
+
+def _one_of(names: Iterable[str]) -> Callable[[str], str]:
+    allowed = tuple(names)
+
+    def check(value: str) -> str:
+        if value not in allowed:
+            raise ValueError(f"expected one of {', '.join(allowed)}")
+        return value
+
+    return check
+
+
+def _set_or_file(value: str) -> str:
+    if value not in COMPOSITION_SETS and not value.endswith((".yaml", ".yml")):
+        raise ValueError(
+            f"expected one of {', '.join(COMPOSITION_SETS)} or the path of a .yaml file"
+        )
+    return value
+
+
+def _some_dose(value: float | None) -> float | None:
+    if value is not None and not value > 0.0:
+        raise ValueError("expected more than 0 mAs (zero dose)")
+    return value
+
+
+def _voltage(value: float | None) -> float | None:
+    low, high = KVP_RANGE
+    if value is not None and not low <= value <= high:
+        raise ValueError(f"expected {low:g} to {high:g} kV, what the spectrum model covers")
+    return value
+
+
+def _names(names: Iterable[str]) -> WithJsonSchema:
+    return WithJsonSchema({"type": "string", "enum": list(names)})
+
+
+Target = Annotated[str, AfterValidator(_one_of(TARGETS)), _names(TARGETS)]
+Filter = Annotated[str, AfterValidator(_one_of(FILTER_MM)), _names(FILTER_MM)]
+DetectorName = Annotated[str, AfterValidator(_one_of(DETECTORS)), _names(DETECTORS)]
+Calcification = Annotated[str, AfterValidator(_one_of(CALCIFICATIONS)), _names(CALCIFICATIONS)]
+Voltage = Annotated[float | None, AfterValidator(_voltage)]
+TubeLoad = Annotated[float | None, AfterValidator(_some_dose)]
+Composition = Annotated[str, AfterValidator(_set_or_file)]
 
 
 class AcquisitionSettings(Settings):
     """How the compressed breast is exposed and what the detector records."""
 
-    target: str = "W"
+    target: Target = "W"
     """Anode material: W, Mo or Rh; tungsten is that of most systems sold today."""
 
-    filter: str = "Rh"
+    filter: Filter = "Rh"
     """Filter material: Mo, Rh, Ag or Al."""
 
     filter_mm: float | None = Field(default=None, gt=0.0, le=5.0)
     """Filter thickness in mm; left out: Mo 0.030, Rh 0.025 (on tungsten 0.050), Ag 0.050,
     Al 0.700."""
 
-    kvp: float | None = None
+    kvp: Voltage = None
     """Tube voltage in kV, 20 to 40; left out: chosen by the compressed thickness."""
 
-    mas: float | None = None
+    mas: TubeLoad = None
     """Tube load in mAs; left out: automatic exposure control."""
 
     spectrum_file: str | None = None
@@ -36,10 +88,10 @@ class AcquisitionSettings(Settings):
     support_mm: float = Field(default=1.0, ge=0.0, le=10.0)
     """Carbon fibre of breast support and detector cover in mm."""
 
-    composition: str = "hammerstein"
+    composition: Composition = "hammerstein"
     """What tissues are made of: hammerstein, icru44, woodard, or the path of a YAML file."""
 
-    calcification: str = "hydroxyapatite"
+    calcification: Calcification = "hydroxyapatite"
     """What calcifications are made of: hydroxyapatite, oxalate or carbonate."""
 
     scatter: bool = True
@@ -54,7 +106,7 @@ class AcquisitionSettings(Settings):
     grid_scatter_transmission: float = Field(default=0.10, ge=0.0, le=1.0)
     """Part of the scatter that the grid lets through; published values are 0.07 to 0.14."""
 
-    detector: str = "a-Se-70"
+    detector: DetectorName = "a-Se-70"
     """Detector: a-Se-70, a-Se-85 or CsI-100; any works with any pixel."""
 
     noise: bool = True

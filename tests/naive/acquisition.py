@@ -1,0 +1,76 @@
+"""Slow twins of the acquisition kernels, and path lengths of simple bodies to try them on."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mammosim.geometry import Gantry, View
+from mammosim.projection.paths import PathLengths
+
+
+def body_paths(lengths, *, pixel_mm=0.5, thickness_mm=50.0, view="CC", laterality="L"):
+    """PathLengths of material -> image [row, column] of lengths in mm."""
+    images = np.stack([np.asarray(image, dtype=np.float32) for image in lengths.values()])
+    rows, columns = images.shape[1:]
+    gantry = Gantry(
+        view=View(view, laterality),
+        detector_edge_mm=0.0,
+        support_z_mm=0.0,
+        source_to_detector_mm=650.0,
+        support_to_detector_mm=15.0,
+        focal_spot_y_mm=0.0,
+        pixel_mm=pixel_mm,
+        rows=rows,
+        columns=columns,
+        y_min_mm=-rows * pixel_mm / 2,
+    )
+    names = tuple(lengths)
+    zeros = (0,) * len(names)
+    return PathLengths(names, names, zeros, images, images, gantry, thickness_mm, 90.0, 0.0)
+
+
+def half_disc(shape, pixel_mm, radius_mm):
+    """Pixels within a half-disc whose centre is the middle of the chest-wall edge (column 0)."""
+    y = (np.arange(shape[0]) + 0.5 - shape[0] / 2) * pixel_mm
+    x = (np.arange(shape[1]) + 0.5) * pixel_mm
+    return np.hypot(y[:, None], x[None, :]) < radius_mm
+
+
+def primary(lengths_mm, mu_per_mm, weights, gantry):
+    """Sum over energies behind each pixel, one pixel after the other."""
+    tissues, rows, columns = lengths_mm.shape
+    spot = gantry.focal_spot_mm
+    out = np.zeros((rows, columns))
+    for row in range(rows):
+        for column in range(columns):
+            x, y = gantry.detector_xy_mm(row, column)
+            distance = math.dist((x, y, -gantry.support_to_detector_mm), spot)
+            cosine = gantry.source_to_detector_mm / distance
+            total = 0.0
+            for e, weight in enumerate(weights):
+                depth = 0.0
+                for t in range(tissues):
+                    depth += mu_per_mm[e, t] * float(lengths_mm[t, row, column])
+                total += weight * math.exp(-depth)
+            fall = (gantry.source_to_detector_mm / distance) ** 2
+            out[row, column] = total * fall * cosine
+    return out
+
+
+def scatter(primary_signal, thickness_mm, cell_mm, kernel_of):
+    """Sum over all cells, of what each sends to each, with a kernel of its own thickness."""
+    rows, columns = primary_signal.shape
+    fine = (np.arange(4) + 0.5) / 4 - 0.5
+    out = np.zeros((rows, columns))
+    for i in range(rows):
+        for j in range(columns):
+            if thickness_mm[i, j] <= 0.0:
+                continue
+            for k in range(rows):
+                for m in range(columns):
+                    r = cell_mm * np.hypot((k - i + fine)[:, None], (m - j + fine)[None, :])
+                    part = kernel_of(thickness_mm[i, j], r).mean() * cell_mm**2
+                    out[k, m] += primary_signal[i, j] * part
+    return out

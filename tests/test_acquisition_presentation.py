@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+from naive.acquisition import half_disc
+from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+from mammosim.acquisition.presentation import MAXIMUM, present
+
+PIXEL_MM = 0.2
+SHAPE = (700, 400)
+
+
+def compressed_breast(radius_mm=50.0, plateau=2.6):
+    """Attenuation (ln) of fat, full beyond 20 mm from the edge, with a lump of gland."""
+    inside = half_disc(SHAPE, PIXEL_MM, radius_mm)
+    depth = distance_transform_edt(np.pad(inside, ((0, 0), (1, 0)), mode="edge"))[:, 1:] * PIXEL_MM
+    part = np.clip(depth / 20.0, 0.0, 1.0)
+    fat = np.where(inside, plateau * np.sqrt(1.0 - (1.0 - part) ** 2), 0.0)
+    lump = np.zeros(SHAPE)
+    lump[300:360, 90:150] = 0.6
+    return (fat + gaussian_filter(lump, 8.0)).astype(np.float32), inside, depth
+
+
+def test_air_is_black_and_fat_grey_up_to_the_skin():
+    attenuation, inside, depth = compressed_breast()
+    pixels = present(attenuation, PIXEL_MM).pixels
+    assert not pixels[~half_disc(SHAPE, PIXEL_MM, 51.0)].any()
+    fat = inside & (depth > 4.0)
+    fat[250:420, 40:200] = False
+    before = attenuation[fat]
+    # the raw margin falls to half of the plateau and below; shown, it stays within one grey range
+    assert before.min() < 0.7 * before.max()
+    assert pixels[fat].min() > 0.15 * MAXIMUM
+    assert pixels[fat].max() < 0.45 * MAXIMUM
+
+
+def test_gland_is_brighter_than_fat():
+    attenuation, _, _ = compressed_breast()
+    pixels = present(attenuation, PIXEL_MM).pixels
+    assert pixels[330, 120] > 0.6 * MAXIMUM
+    assert pixels[330, 120] > pixels[430, 120] + 0.3 * MAXIMUM
+
+
+@pytest.mark.parametrize("place", [(330, 120), (430, 120), (350, 230), (200, 60)])
+def test_more_attenuation_is_brighter(place):
+    attenuation, _, _ = compressed_breast()
+    row, column = place
+    shown = []
+    for extra in (0.0, 0.1, 0.2, 0.4, 0.8):
+        changed = attenuation.copy()
+        changed[row - 3 : row + 4, column - 3 : column + 4] += extra
+        shown.append(int(present(changed, PIXEL_MM).pixels[row, column]))
+    assert np.all(np.diff(shown) > 0)
+
+
+def test_details_keep_their_contrast_in_the_margin():
+    """A calcification 6 mm under the skin shows as strongly as one in the middle."""
+    attenuation, _, depth = compressed_breast()
+    changed = attenuation.copy()
+    for column in (190, 207):
+        assert depth[420, column] > 5.0
+        changed[419:422, column - 1 : column + 2] += 0.1
+    before, after = present(attenuation, PIXEL_MM).pixels, present(changed, PIXEL_MM).pixels
+    gains = [int(after[420, c]) - int(before[420, c]) for c in (190, 207)]
+    assert min(gains) > 0.8 * max(gains) > 0
+
+
+def test_right_and_left_are_treated_alike():
+    attenuation, _, _ = compressed_breast()
+    turned = present(np.ascontiguousarray(attenuation[::-1, ::-1]), PIXEL_MM).pixels
+    shown = present(attenuation, PIXEL_MM).pixels
+    # cells are aligned with the array's corner, and the shape is a multiple of no cell
+    difference = np.abs(turned[::-1, ::-1].astype(int) - shown.astype(int))
+    assert np.quantile(difference, 0.999) <= 0.02 * MAXIMUM
+
+
+def test_fatty_breast_is_not_stretched_to_noise():
+    rng = np.random.default_rng(3)
+    attenuation, inside, depth = compressed_breast()
+    attenuation[250:420, 40:200] = 2.6
+    attenuation += rng.normal(0.0, 0.02, SHAPE).astype(np.float32) * inside
+    pixels = present(attenuation, PIXEL_MM).pixels
+    # 0.02 of a range of 0.45/0.72 and more
+    assert pixels[depth > 22.0].std() < 0.04 * MAXIMUM
+
+
+def test_empty_and_filled_pictures():
+    empty = present(np.zeros((60, 50), np.float32), PIXEL_MM)
+    assert not empty.pixels.any()
+    filled = present(np.full((60, 50), 2.0, np.float32), PIXEL_MM)
+    assert filled.pixels.min() == filled.pixels.max() > 0
+
+
+def test_a_second_body_in_the_field_is_not_equalised():
+    attenuation, _, _ = compressed_breast()
+    attenuation[:20, 350:] = 0.5
+    pixels = present(attenuation, PIXEL_MM).pixels
+    assert not pixels[:20, 352:].any()
+
+
+def test_window_covers_the_picture():
+    attenuation, _, _ = compressed_breast()
+    shown = present(attenuation, PIXEL_MM)
+    assert shown.pixels.dtype == np.uint16
+    low = shown.window_center - shown.window_width / 2
+    assert low <= 0 <= shown.pixels.max() <= low + shown.window_width
