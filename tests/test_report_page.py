@@ -17,8 +17,9 @@ from PIL import Image
 
 from mammosim.geometry import View
 from mammosim.report import ReportedView, ReportSettings, render_report, run_record
+from mammosim.report.crop import Crop, common_crops
 from mammosim.report.figures import convergence_svg, picture_data_uri
-from mammosim.report.markers import markers, shift_arrows
+from mammosim.report.markers import Marker, markers, shift_arrows
 
 VOID = {"meta", "br", "link", "img", "hr", "input", "area", "base", "col", "embed", "source"}
 
@@ -266,24 +267,54 @@ def test_the_picture_is_reduced_by_whole_factors_and_windowed():
     mammogram = make_mammogram(LEFT[0])
     flat = dataclasses.replace(
         mammogram,
-        for_presentation=np.repeat(np.array([[0], [100], [200]], np.uint16), 4, axis=0)
-        .repeat(12, axis=1),
+        for_presentation=np.repeat([[0], [100], [200]], 4, axis=0).repeat(12, axis=1),
         window_center=100.5,
         window_width=201.0,
-    )  # fmt: skip
-    whole, half = picture(picture_data_uri(flat, 100)), picture(picture_data_uri(flat, 6))
+    )
+    everything = Crop(0, 0, 12, 12)
+    whole, half = (picture(picture_data_uri(flat, everything, rows)) for rows in (100, 6))
     assert whole.shape == (12, 12)
     assert half.shape == (6, 6)
     # JPEG is not exact; at this quality it keeps flat areas within a few grey levels.
     np.testing.assert_allclose(half[[0, 5], 0], [0, 255], atol=6)
     np.testing.assert_allclose(whole[[0, 11], 0], [0, 255], atol=6)
+    lowest = picture(picture_data_uri(flat, Crop(8, 2, 4, 5), 100))
+    assert lowest.shape == (4, 5)
+    assert lowest.min() > 240
 
 
 def test_a_reduced_picture_covers_what_the_whole_one_does():
     """13 rows by a factor of 2: the last row is kept, repeated."""
     mammogram = make_mammogram(LEFT[0])
     odd = dataclasses.replace(mammogram, for_presentation=np.zeros((13, 9), np.uint16))
-    assert picture(picture_data_uri(odd, 6)).shape == (7, 5)
+    assert picture(picture_data_uri(odd, Crop(0, 0, 13, 9), 6)).shape == (7, 5)
+
+
+def in_air(view: View, rows: slice, columns: slice):
+    """A picture of 240 x 120 pixels of half a millimetre that is air but for a rectangle."""
+    pixels = np.zeros((240, 120), np.uint16)
+    pixels[rows, columns] = 1000
+    return dataclasses.replace(make_mammogram(view), for_presentation=pixels)
+
+
+def test_views_are_cropped_to_one_size_around_the_breast():
+    left = in_air(View("CC", "L"), slice(100, 140), slice(0, 30))
+    right = in_air(View("CC", "R"), slice(60, 120), slice(100, 120))
+    crops = common_crops([left, right], [[], []])
+    # The larger of 20 and 30 mm and twice 15 mm of margin, 15 mm and one margin: 2 pixels a mm.
+    assert crops == [Crop(60, 0, 120, 60), Crop(30, 60, 120, 60)]
+
+
+def test_a_crop_keeps_within_the_image_and_marks_within_the_crop():
+    view = View("CC", "L")
+    high = in_air(view, slice(0, 40), slice(0, 30))
+    assert common_crops([high], [[]]) == [Crop(0, 0, 100, 60)]
+    mark = Marker("1", "far", "mass", x=80.0, y=200.0, radius=5.0, text_x=90.0, anchor="start")
+    (crop,) = common_crops([high], [[mark]])
+    assert crop.top <= 200 < crop.top + crop.rows
+    assert crop.left <= 80 < crop.left + crop.columns
+    empty = in_air(view, slice(0, 0), slice(0, 0))
+    assert common_crops([empty], [[]]) == [Crop(0, 0, 240, 120)]
 
 
 def test_the_settings_reduce_the_page(record):
@@ -303,6 +334,14 @@ def test_the_convergence_curve_is_svg_in_the_pages_colour():
     assert "mean move mm" in svg
     assert "settled" not in svg
     assert svg == convergence_svg(HISTORY, "LCC")
+
+
+def test_a_column_of_words_makes_a_line_of_each():
+    rows = [(0, "x", 0.5), (1, "z", 0.1), (2, "x", 0.2)]
+    history = np.array(rows, dtype=[("iteration", "i4"), ("axis", "U1"), ("error_voxel", "f8")])
+    svg = convergence_svg(history, "LCC")
+    assert "error voxel x" in svg
+    assert "error voxel z" in svg
 
 
 @pytest.mark.parametrize(

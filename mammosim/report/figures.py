@@ -11,19 +11,21 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mammosim.acquisition import Mammogram
+from mammosim.report.crop import Crop
 
 _JPEG_QUALITY = 88  # no visible blocks in noise; a quarter of the size of a PNG
 _INK = "#010203"  # stands for the page's text colour, which the figure cannot know
 _LINES = ("#3b82c4", "#c2742d", "#4f9a5b", "#a55fa5")  # legible on white and on near-black
-_MAX_LINES = len(_LINES)
 
 
-def picture_data_uri(mammogram: Mammogram, rows: int) -> str:
+def picture_data_uri(mammogram: Mammogram, crop: Crop, rows: int) -> str:
     """The picture for reading through its window as a data URI.
 
     Parameters
     ----------
     mammogram : Mammogram
+    crop : Crop
+        Part to show.
     rows : int
         Height to reduce to, by whole factors; a smaller picture keeps its pixels.
 
@@ -32,8 +34,10 @@ def picture_data_uri(mammogram: Mammogram, rows: int) -> str:
     str
         ``data:image/jpeg;base64,...``
     """
-    factor = max(1, round(mammogram.for_presentation.shape[0] / rows))
-    pixels = _block_means(mammogram.for_presentation, factor)
+    down = slice(crop.top, crop.top + crop.rows)
+    across = slice(crop.left, crop.left + crop.columns)
+    factor = max(1, round(crop.rows / rows))
+    pixels = _block_means(mammogram.for_presentation[down, across], factor)
     half = (mammogram.window_width - 1.0) / 2.0
     middle = mammogram.window_center - 0.5  # DICOM's linear window, PS3.3 C.11.2.1.2.1
     grey = np.rint(np.interp(pixels, [middle - half, middle + half], [0.0, 255.0]))
@@ -66,8 +70,8 @@ def convergence_svg(history: NDArray[np.void], name: str) -> str:
         SVG whose text and axes take the colour of the text around it; empty if there is nothing
         to draw.
     """
-    columns = _columns_to_draw(history)
-    if not columns:
+    lines = _lines_to_draw(history)
+    if not lines:
         return ""
     import matplotlib as mpl
     from matplotlib.figure import Figure
@@ -80,10 +84,8 @@ def convergence_svg(history: NDArray[np.void], name: str) -> str:
     with mpl.rc_context(style):
         figure = Figure(figsize=(4.6, 2.7), layout="constrained")
         axes = figure.subplots()
-        for column, colour in zip(columns, _LINES, strict=False):
-            values = np.where(history[column] > 0, history[column], np.nan)
-            iterations = np.arange(1, len(values) + 1)
-            axes.semilogy(iterations, values, color=colour, linewidth=1.5, label=_words(column))
+        for (label, rows, values), colour in zip(lines, _LINES, strict=False):
+            axes.semilogy(rows, values, color=colour, linewidth=1.5, label=label)
         axes.set_xlabel("row of convergence.csv")
         axes.grid(axis="y", color=_INK, alpha=0.12)
         axes.legend(frameon=False, fontsize=8)
@@ -93,17 +95,32 @@ def convergence_svg(history: NDArray[np.void], name: str) -> str:
     return text[text.index("<svg") :].replace(_INK, "currentColor")
 
 
+def _lines_to_draw(history: NDArray[np.void]) -> list[tuple[str, NDArray[Any], NDArray[Any]]]:
+    """Label, row numbers from 1 and positive values of each line.
+
+    A column of words, as the axis that an iteration worked on, makes a line of each word.
+    """
+    lines = []
+    for column in _columns_to_draw(history):
+        positive = np.asarray(history[column] > 0)
+        for word, of_word in _parts(history):
+            rows = np.flatnonzero(positive & of_word)
+            if rows.size:
+                label = " ".join((column.replace("_", " "), word)).strip()
+                lines.append((label, rows + 1, history[column][rows]))
+    return lines[: len(_LINES)]
+
+
+def _parts(history: NDArray[np.void]) -> list[tuple[str, NDArray[np.bool_]]]:
+    """Each word of the first column of words and its rows; without one, all rows."""
+    for name in history.dtype.names or ():
+        if history.dtype[name].kind == "U":
+            return [(str(word), history[name] == word) for word in np.unique(history[name])]
+    return [("", np.ones(history.shape, bool))]
+
+
 def _columns_to_draw(history: NDArray[np.void]) -> list[str]:
-    """Names of floating-point columns with positive values: those that shrink come first."""
-    names = [
-        name
-        for name in history.dtype.names or ()
-        if history.dtype[name].kind == "f" and np.any(history[name] > 0)
-    ]
-    telling = ("residual", "change", "move", "update", "deviation", "out_of_balance")
-    first = [name for name in names if any(word in name for word in telling)]
-    return (first or names)[:_MAX_LINES]
-
-
-def _words(column: str) -> str:
-    return column.replace("_", " ")
+    """Names of floating-point columns; if there are any, only those that tell of convergence."""
+    names = [name for name in history.dtype.names or () if history.dtype[name].kind == "f"]
+    telling = ("residual", "error", "change", "move", "update", "deviation", "out_of_balance")
+    return [name for name in names if any(word in name for word in telling)] or names

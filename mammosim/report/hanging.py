@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
 from mammosim.geometry import View
+from mammosim.report.crop import Crop, common_crops
 from mammosim.report.figures import picture_data_uri
 from mammosim.report.markers import Marker, markers
 from mammosim.report.settings import ReportSettings
@@ -46,9 +47,10 @@ class Picture:
         What the picture shows, in words.
     uri : str
         The picture itself; empty where there is none.
-    rows, columns : int
-        Its size in the detector's pixels, which the marks count in.
+    crop : Crop
+        Which part of the image it shows.
     marks : list of Marker
+        In pixels of the whole image.
     outside : list of Target
         Targets that do not lie in the picture.
     two_cm_px : float
@@ -60,8 +62,7 @@ class Picture:
     technique: str
     alt: str
     uri: str
-    rows: int
-    columns: int
+    crop: Crop
     marks: list[Marker]
     outside: list[Target]
     two_cm_px: float
@@ -85,7 +86,12 @@ def hanging(
         One entry a row, with the pictures of its `right` and `left` half. Views of one breast
         alone share one row.
     """
-    pictures = [_picture(view, targets, settings) for view in views]
+    here = [targets_of(view.squeezed.view, targets) for view in views]
+    crops = _crops(views, here)
+    pictures = [
+        _picture(view, rows, crop, settings)
+        for view, rows, crop in zip(views, here, crops, strict=True)
+    ]
     if len({picture.side for picture in pictures}) < 2:
         return [{"single": pictures, "right": [], "left": []}] if pictures else []
     rows: list[dict[str, list[Picture]]] = []
@@ -96,12 +102,22 @@ def hanging(
     return rows
 
 
-def _picture(view: ReportedView, targets: Sequence[Target], settings: ReportSettings) -> Picture:
+def _crops(views: Sequence[ReportedView], here: Sequence[Sequence[Target]]) -> list[Crop]:
+    """The part of each view's picture to show; an empty one where there is no picture."""
+    exposed = [(view.mammogram, rows) for view, rows in zip(views, here, strict=True)]
+    mammograms = [(mammogram, rows) for mammogram, rows in exposed if mammogram]
+    marks = [markers(rows, mammogram.gantry) for mammogram, rows in mammograms]
+    found = iter(common_crops([mammogram for mammogram, _ in mammograms], marks))
+    return [next(found) if view.mammogram else Crop(0, 0, 0, 0) for view in views]
+
+
+def _picture(
+    view: ReportedView, here: Sequence[Target], crop: Crop, settings: ReportSettings
+) -> Picture:
     name, mammogram = view.squeezed.view.folder, view.mammogram
-    here = targets_of(view.squeezed.view, targets)
     technique = [f"{view.squeezed.thickness_mm:.1f} mm"]
     if not mammogram:
-        return Picture(name, name[0], technique[0], "", "", 0, 0, [], [], 0.0)
+        return Picture(name, name[0], technique[0], "", "", crop, [], [], 0.0)
     technique += [f"{mammogram.kvp:g} kV {mammogram.target}/{mammogram.filter}",
                   f"{mammogram.mas:.0f} mAs", f"{mammogram.dose_mgy:.2f} mGy"]  # fmt: skip
     shown = [target.name for target in here if target.in_field and is_lesion(target)]
@@ -111,9 +127,8 @@ def _picture(view: ReportedView, targets: Sequence[Target], settings: ReportSett
         side=name[0],
         technique=" · ".join(technique),
         alt=f"Simulated mammogram {name}, showing {lesions}.",
-        uri=picture_data_uri(mammogram, settings.picture_rows),
-        rows=mammogram.gantry.rows,
-        columns=mammogram.gantry.columns,
+        uri=picture_data_uri(mammogram, crop, settings.picture_rows),
+        crop=crop,
         marks=markers(here, mammogram.gantry),
         outside=[target for target in here if not target.in_field],
         two_cm_px=_BAR_MM / mammogram.gantry.pixel_mm,

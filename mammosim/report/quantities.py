@@ -8,7 +8,7 @@ from typing import Any
 
 _UNITS = {
     "mm": "mm", "mm2": "cm²", "mm3": "mL", "ml": "mL", "n": "N", "kpa": "kPa", "mgy": "mGy",
-    "kev": "keV", "s": "s", "ms": "ms", "mb": "MB",
+    "kev": "keV", "s": "s", "ms": "ms", "mb": "MB", "voxel": "voxels",
     "deg": "°", "percent": "%", "px": "px",
 }  # fmt: skip
 
