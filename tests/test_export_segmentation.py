@@ -153,6 +153,17 @@ def test_segments_are_numbered_named_and_coded(tmp_path):
     assert {item.SegmentAlgorithmType for item in segments} == {"AUTOMATIC"}
 
 
+def test_any_name_fits_into_a_segment(tmp_path):
+    name = "upper\\outer\nMäuse " + "x" * 100
+    masks = [
+        LesionMask(dataclasses.replace(lesion.target, name=name), lesion.mask)
+        for lesion in masks_of(VIEWS[0])
+    ]
+    label = write(VIEWS[0], tmp_path / "a.dcm", masks).SegmentSequence[0].SegmentLabel
+    assert label.startswith("upper/outer Mäuse xxx")
+    assert len(label) == 64
+
+
 def test_a_lesion_is_the_same_one_in_both_views(tmp_path):
     tracked = [
         [item.TrackingUID for item in write(view, tmp_path / f"{view.folder}.dcm").SegmentSequence]

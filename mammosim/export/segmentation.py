@@ -12,7 +12,8 @@ from pydicom.sr.coding import Code
 
 from mammosim.acquisition import Mammogram
 from mammosim.export.atomic import whole_file
-from mammosim.export.dicom import SERIES_NUMBER, identification, mammogram_dataset, set_attributes
+from mammosim.export.dicom import mammogram_dataset
+from mammosim.export.dicom_modules import SERIES_NUMBER, identification, long_string, set_attributes
 from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity, software_version
 from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.orientation import patient_orientation
@@ -100,7 +101,7 @@ def _description(
     category, kind = _CODES[target.kind]
     description = hd.seg.SegmentDescription(
         segment_number=number,
-        segment_label=target.name[:64],
+        segment_label=long_string(target.name),
         segmented_property_category=category,
         segmented_property_type=kind,
         algorithm_type=hd.seg.SegmentAlgorithmTypeValues.AUTOMATIC,
@@ -110,7 +111,7 @@ def _description(
             version=software_version(),
         ),
         tracking_uid=study.uid("lesion", str(target.target_id)),
-        tracking_id=f"{target.target_id} {target.name}"[:64],
+        tracking_id=long_string(f"{target.target_id} {target.name}"),
         anatomic_regions=[Code("76752008", "SCT", "Breast")],
     )
     description.SegmentDescription = f"target_id {target.target_id} of lesions.csv"
