@@ -120,7 +120,7 @@ def cell_stretch(modulus, z_displacement, out):
                 out[i, j, k] = 1.0 / np.sqrt(max(total / edges, 0.1)) if edges > 0 else 0.0
 
 
-@parallel_kernel
+@contracting_parallel_kernel
 def stretch_loads(modulus, span, stretch, out_x, out_y):
     """Loads along x and y of springs that are longer than at rest by the stretch S - 1.
 
@@ -128,37 +128,56 @@ def stretch_loads(modulus, span, stretch, out_x, out_y):
     that contain both nodes (1 where there is none), and pulls n with w a (1 - S) along x.
     """
     for i in prange(1, modulus.shape[0] - 1):
+        total = np.empty(modulus.shape[2])
+        cells = np.empty(modulus.shape[2])
         for j in range(1, modulus.shape[1] - 1):
-            for k in range(span[i, j, 0], span[i, j, 1]):
-                own = modulus[i, j, k]
-                load_x = 0.0
-                load_y = 0.0
-                for a in range(-1, 2):
-                    for b in range(-1, 2):
-                        if own == 0.0 or (a == 0 and b == 0):
-                            continue
-                        for c in range(-1, 2):
-                            w = min(own, modulus[i + a, j + b, k + c])
-                            if w > 0.0:
-                                change = w * (1.0 - _spring_stretch(stretch, i, j, k, a, b, c))
-                                load_x += a * change
-                                load_y += b * change
-                out_x[i, j, k] = load_x
-                out_y[i, j, k] = load_y
+            first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
+            if first >= last:
+                continue
+            row_x, row_y = out_x[i, j], out_y[i, j]
+            row_x[:] = 0.0
+            row_y[:] = 0.0
+            for a in range(-1, 2):
+                for b in range(-1, 2):
+                    if a != 0 or b != 0:
+                        _columns_stretch(stretch, i, j, a, b, first, last, total, cells)
+                        other = modulus[i + a, j + b]
+                        _add_stretch_loads(
+                            modulus[i, j], other, total, cells, a, b, first, last, row_x, row_y
+                        )
 
 
 @contracting_kernel
-def _spring_stretch(stretch, i, j, k, a, b, c):
-    """Mean stretch of the participating cells that contain node n and its neighbour (a, b, c)."""
-    total = 0.0
-    cells = 0
+def _columns_stretch(stretch, i, j, a, b, first, last, total, cells):
+    """Per level: sum and number of participating cells beside the spring (a, b, .) of (i, j)."""
+    for k in range(first - _ONE, last):
+        total[k] = 0.0
+        cells[k] = 0.0
     for ci in range(i - (a <= 0), i + (a >= 0)):
         for cj in range(j - (b <= 0), j + (b >= 0)):
-            for ck in range(k - (c <= 0), k + (c >= 0)):
-                if stretch[ci, cj, ck] > 0.0:
-                    total += stretch[ci, cj, ck]
-                    cells += 1
-    return total / cells if cells > 0 else 1.0
+            column = stretch[ci, cj]
+            for k in range(first - _ONE, last):
+                total[k] += column[k]
+                cells[k] += 1.0 if column[k] > 0.0 else 0.0
+
+
+@contracting_kernel
+def _add_stretch_loads(own, other, total, cells, a, b, first, last, row_x, row_y):
+    """Add what the three springs (a, b, -1 .. 1) of each node of a column pull along x and y."""
+    for k in range(first, last):
+        below, above = k - _ONE, k + _ONE
+        e = own[k]
+        down, up = other[below], other[above]
+        level = other[k] if other[k] < e else e
+        down = down if down < e else e
+        up = up if up < e else e
+        down *= 1.0 - total[below] / cells[below] if cells[below] > 0.0 else 0.0
+        up *= 1.0 - total[k] / cells[k] if cells[k] > 0.0 else 0.0
+        both = cells[below] + cells[k]
+        level *= 1.0 - (total[below] + total[k]) / both if both > 0.0 else 0.0
+        pull = down + level + up
+        row_x[k] += a * pull
+        row_y[k] += b * pull
 
 
 @parallel_kernel

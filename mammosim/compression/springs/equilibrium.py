@@ -115,7 +115,8 @@ class _Run:
         lattice.lattice_diagonal(problem.modulus, span, diagonal)
         free = (problem.tissue & ~problem.fixed).astype(np.float32)
         level = LatticeLevel(problem.modulus, span, diagonal, free)
-        along_x, along_y, along_z = (_Axis(level, np.zeros(ux.shape)) for _ in range(3))
+        unheld = Multigrid(level)
+        along_x, along_y, along_z = (_Axis(level, unheld) for _ in range(3))
         plates, stretch = _UnderPlates(problem, ux), np.zeros(ux.shape)
         converged, error = False, np.inf
         for _ in range(self.max_rounds):
@@ -189,13 +190,13 @@ class _UnderPlates:
 class _Axis:
     """One component: its load, the nodes an obstacle holds, and the multigrid without them."""
 
-    def __init__(self, base: LatticeLevel, load: NDArray[np.float64]) -> None:
-        self._base = base
-        self._contact = np.zeros(load.shape, np.int8)
-        self.load = load
-        self.force = np.zeros(load.shape)
+    def __init__(self, base: LatticeLevel, unheld: Multigrid) -> None:
+        shape = base.modulus.shape
+        self._base, self._unheld = base, unheld
+        self._contact = np.zeros(shape, np.int8)
+        self.load, self.force = np.zeros(shape), np.zeros(shape)
         self.held = 0
-        self.multigrid = Multigrid(base)
+        self.multigrid = unheld
 
     def hold(
         self,
@@ -227,7 +228,7 @@ class _Axis:
             self.held = int(np.count_nonzero(self._contact))
             free = base.free * (self._contact == 0)
             finest = LatticeLevel(base.modulus, base.span, base.diagonal, free)
-            if changes > STALE_PART * self.held:
+            if self.multigrid is self._unheld or changes > STALE_PART * self.held:
                 self.multigrid = Multigrid(finest)
             else:
                 self.multigrid.replace_finest(finest)

@@ -21,7 +21,7 @@ from mammosim.compression.springs import _lattice_kernels as lattice
 from mammosim.compression.springs import _stencil_kernels as stencils
 from mammosim.compression.springs import _vector_kernels as vectors
 
-COARSEST_NODES = 700
+COARSEST_NODES = 200
 """A level with no more moving nodes than this is solved directly."""
 
 LATTICE_EIGENVALUE = 1.5
