@@ -161,7 +161,7 @@ def test_any_name_fits_into_a_segment(tmp_path):
     ]
     label = write(VIEWS[0], tmp_path / "a.dcm", masks).SegmentSequence[0].SegmentLabel
     assert label.startswith("upper/outer Mäuse xxx")
-    assert len(label) == 64
+    assert len(label.encode("utf-8")) == 64
 
 
 def test_a_lesion_is_the_same_one_in_both_views(tmp_path):

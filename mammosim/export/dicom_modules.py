@@ -79,14 +79,15 @@ def decimal_string(value: float) -> str | None:
 
 
 def long_string(text: str) -> str:
-    """A text as Long String: one line of 64 characters, no backslash, which parts values.
+    """A text as Long String: one line of 64 bytes, no backslash, which parts values.
 
     Examples
     --------
     >>> long_string("upper\\\\outer  quadrant")
     'upper/outer quadrant'
     """
-    return " ".join(text.replace("\\", "/").split())[:64]
+    line = " ".join(text.replace("\\", "/").split())
+    return line.encode("utf-8")[:64].decode("utf-8", errors="ignore")
 
 
 def identification(
