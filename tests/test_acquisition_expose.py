@@ -188,6 +188,15 @@ def test_a_calcification_darkens_the_raw_picture_and_brightens_the_shown_one():
     assert two.for_presentation[200, 80] > 1.5 * one.for_presentation[200, 80]
 
 
+def test_metal_that_lets_nothing_through():
+    lengths = {"adipose": np.full(SHAPE, 40.0), "titanium": np.zeros(SHAPE)}
+    lengths["titanium"][100:110, 100:110] = 200.0
+    picture = expose(body_paths(lengths, pixel_mm=PIXEL_MM), mas=50.0)
+    assert picture.for_processing[105, 105] < 0.2 * picture.for_processing[50, 105]
+    assert picture.for_presentation[105, 105] > picture.for_presentation[50, 105]
+    assert all(np.isfinite(value) for value in picture.measures.values())
+
+
 def test_empty_field():
     nothing = body_paths({"adipose": np.zeros((40, 40))}, pixel_mm=PIXEL_MM)
     with pytest.raises(InputError, match="no tissue is in the detector's field"):

@@ -115,7 +115,9 @@ def add_scatter_kernel(
             here = _interpolated(coarse, (row + 0.5) / cell - 0.5, (column + 0.5) / cell - 0.5)
             scatter = scatter_part * here
             primary = primary_part * out_signal[row, column]
-            ratio = out_square[row, column] / out_signal[row, column]
+            ratio = 0.0
+            if out_signal[row, column] > 0.0:  # behind a centimetre of metal nothing is left
+                ratio = out_square[row, column] / out_signal[row, column]
             out_signal[row, column] = primary + scatter
             out_square[row, column] = (primary + scatter) * ratio
 

@@ -29,6 +29,8 @@ class CoarsePaths:
         Side of a cell on the detector, mm.
     tissue_mm, muscle_mm : ndarray of float64, [row, column]
         Mean path through all tissue, and through muscle, mm.
+    inside : ndarray of bool, [row, column]
+        Cells with tissue through more than half of the gap between the plates.
     density_percent : float
         Volume of gland over that of all tissue but muscle, per cent; NaN without breast.
     glandularity_percent : float
@@ -40,6 +42,7 @@ class CoarsePaths:
     cell_mm: float
     tissue_mm: NDArray[np.float64]
     muscle_mm: NDArray[np.float64]
+    inside: NDArray[np.bool_]
     density_percent: float
     glandularity_percent: float
 
@@ -71,6 +74,7 @@ def coarse_paths(paths: PathLengths, materials: Mapping[str, Material]) -> Coars
         cell * paths.pixel_mm,
         tissue_mm,
         sum(muscle, start=zero),
+        tissue_mm > 0.5 * min(paths.thickness_mm, float(tissue_mm.max())),
         _percent(volume.get("gland", 0.0), breast),
         100.0 - _percent(mass.get("adipose", 0.0), sum(mass.values())),
     )

@@ -116,7 +116,7 @@ def _add_scatter(
 ) -> float:
     """Add scatter and let the grid take its part, in place; return scatter over primary.
 
-    The ratio is that in front of the grid, meaned over the breast where it is thicker than half.
+    The ratio is that in front of the grid, the median over the breast without its margin.
     """
     primary_mean = block_mean(signal, coarse.cell)
     if settings.scatter:
@@ -127,8 +127,8 @@ def _add_scatter(
     if settings.grid:
         parts = (settings.grid_primary_transmission, settings.grid_scatter_transmission)
     add_scatter_kernel(scatter, float(coarse.cell), *parts, signal, square)
-    breast = coarse.tissue_mm > 0.5 * coarse.tissue_mm.max()
-    return float(np.mean(scatter[breast] / primary_mean[breast])) if breast.any() else 0.0
+    breast = coarse.inside & (primary_mean > 0.0)
+    return float(np.median(scatter[breast] / primary_mean[breast])) if breast.any() else 0.0
 
 
 def _expose_for(
@@ -142,9 +142,10 @@ def _expose_for(
 ) -> _Exposure:
     """Find the tube load, and the numbers that go with it."""
     dense = float("nan")
+    mean_signal = block_mean(signal, coarse.cell)
     if settings.mas is None or coarse.tissue_mm.any():
         dense = dense_signal(
-            block_mean(signal, coarse.cell),
+            mean_signal,
             coarse.tissue_mm,
             coarse.muscle_mm,
             paths.thickness_mm,
@@ -154,9 +155,10 @@ def _expose_for(
     if mas is None:
         mas = TARGET_SIGNAL_KEV_MM2 * paths.pixel_mm**2 / dense
     # Variance over signal is the mean energy of what is absorbed: nearly the same everywhere.
-    inside = coarse.tissue_mm > 0.5 * coarse.tissue_mm.max()
-    spread = block_mean(square, coarse.cell) / block_mean(signal, coarse.cell)
-    energy = float(np.mean(spread[inside])) if inside.any() else float("nan")
+    energy = float("nan")
+    if coarse.inside.any():
+        squares = block_mean(square, coarse.cell)[coarse.inside]
+        energy = float(squares.sum() / mean_signal[coarse.inside].sum())
     grid = settings.grid_primary_transmission if settings.grid else 1.0
     return _Exposure(
         mas, unit.air_signal * grid * mas, dense * mas, float(np.sqrt(energy * dense * mas)), ratio

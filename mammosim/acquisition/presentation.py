@@ -20,12 +20,13 @@ LOCAL_DEPTH_MM = 15.0  # is looked at on its own up to this depth
 PROFILE_QUANTILE = 0.30  # fat between gland: what the margin is equalised by
 STRENGTH = 0.90  # part of the missing thickness that is made up
 SKIN_RAMP_MM = 2.5  # over which equalisation sets in, so that the skin line stands against air
-FAT_QUANTILE, GLAND_QUANTILE = 0.10, 0.99
+FAT_QUANTILE, GLAND_QUANTILE = 0.03, 0.99  # dense breasts have little pure fat, but some
+LEVELS_DEPTH_MM = 8.0  # the levels of fat and gland are taken deeper than this
 FAT_LEVEL = 0.28  # grey of fat, as part of the range, on clinical mammograms
 # Contrast (ln) of what is shown at white, above fat: a fatty breast is not stretched beyond the
-# first, and muscle or an all-dense breast (about 28 mm of gland more than its neighbour) beyond
+# first, and muscle or an all-dense breast (about 33 mm of gland more than its neighbour) beyond
 # the second goes into the shoulder of the curve.
-LEAST_CONTRAST, MOST_CONTRAST = 0.45, 0.85
+LEAST_CONTRAST, MOST_CONTRAST = 0.45, 1.0
 SHOULDER = 0.75  # grey from which the curve bends, as film's does
 MAXIMUM = 4095  # 12 bits
 
@@ -76,7 +77,7 @@ def present(attenuation: NDArray[np.float32], pixel_mm: float) -> Presentation:
     cell_mm = cell * pixel_mm
     depth_mm = _signed_depth(breast, CONTOUR_SIGMA_MM / cell_mm) * cell_mm
     added = _missing_attenuation(coarse, breast, depth_mm, cell_mm)
-    low, high = _levels((coarse + added)[depth_mm > SKIN_RAMP_MM], (coarse + added)[breast])
+    low, high = _levels((coarse + added)[depth_mm > LEVELS_DEPTH_MM], (coarse + added)[breast])
     pixels = np.empty(attenuation.shape, np.uint16)
     present_kernel(attenuation, added, float(cell), low, high, SHOULDER, float(MAXIMUM), pixels)
     return Presentation(pixels, (MAXIMUM + 1) / 2, float(MAXIMUM + 1))
