@@ -15,7 +15,7 @@ from mammosim.compression.springs import (
 )
 from mammosim.compression.springs.measures import spring_measures, volume_measures
 from mammosim.compression.springs.series_start import series_start
-from tests.make_springs import half_ellipsoid
+from make_springs import half_ellipsoid
 
 
 def distance(a, b, problem: SpringProblem) -> np.ndarray:

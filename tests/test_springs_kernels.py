@@ -14,8 +14,8 @@ from mammosim.compression.springs.multigrid import (
     Multigrid,
     conjugate_gradients,
 )
-from tests.make_springs import half_ellipsoid, random_lattice
-from tests.naive import springs as naive
+from make_springs import half_ellipsoid, random_lattice
+from naive import springs as naive
 
 
 def level_of(modulus: np.ndarray, fixed: np.ndarray) -> LatticeLevel:

@@ -70,8 +70,6 @@ def tissue_front(breast: BreastPhantom) -> Reach:
     layers = np.zeros(breast.labels.shape[0], np.int64)
     tissue_reach(breast.labels, np.arange(256) > 0, layers)
     some = np.flatnonzero(layers)
-    if some.size == 0:
-        raise InputError(f"{breast.source}: no tissue, every voxel is air")
     face = breast.origin_mm[0] - 0.5 * breast.voxel_mm[0]
     chest_wall = face + some[0] * breast.voxel_mm[0]
     tissue_reach(breast.labels, _table(breast, "muscle"), layers)
@@ -139,6 +137,8 @@ def bounds_mm(
     """Lowest and highest corner (3,) of the box around all tissue, compression frame, mm."""
     outline = np.zeros(breast.labels.shape[1:], bool)
     tissue_outline(breast.labels, outline)
+    if not outline.any():
+        raise InputError(f"{breast.source}: no tissue, every voxel is air")
     corners = np.argwhere(outline)[:, :, None] + np.array([[-0.5, 0.5]])
     y, z = (
         breast.origin_mm[axis + 1] + corners[:, axis] * breast.voxel_mm[axis + 1]

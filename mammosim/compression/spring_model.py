@@ -127,6 +127,7 @@ def _result(
     measures = spring_measures(case.problem(plates), state, spacing)
     moved = np.stack(state.displacement).astype(np.float32) * np.float32(spacing)
     moved = continued(moved, lattice.tissue, AIR_LAYERS)
+    moved[:, : CHEST_WALL_INDEX + 1] = 0.0  # air beside the chest wall stays with it
     field = DisplacementField(
         lattice.frame, np.ascontiguousarray(np.moveaxis(moved, 0, -1)), lattice.tissue,
         view.rotation,

@@ -91,6 +91,8 @@ def _solve(
         half = _solve(coarse, max(tolerance, COARSE_TOLERANCE), START_ROUNDS, None, watch)
         run.rows.extend(half.history)
         displacement = interpolated(half.displacement, coarse.tissue, problem)
+        if half.interrupted:
+            return SpringState(displacement, False, half.error, half.history, True)
     else:
         at_rest = np.zeros(problem.modulus.shape)
         displacement = (at_rest, at_rest.copy(), at_rest.copy())
@@ -118,29 +120,33 @@ class _Run:
         unheld = Multigrid(level)
         along_x, along_y, along_z = (_Axis(level, unheld) for _ in range(3))
         plates, stretch = _UnderPlates(problem, ux), np.zeros(ux.shape)
-        converged, error = False, np.inf
-        for _ in range(self.max_rounds):
-            held, errors = plates.settled, []
-            for axis, u, direction, bounded, lower, upper in (
-                (along_z, uz, 2, plates.nodes, problem.lower, problem.upper),
-                (along_x, ux, 0, problem.tissue, CHEST_WALL_INDEX, np.inf),
-                (along_y, uy, 1, problem.tissue, -np.inf, np.inf),
-            ):
-                changes = axis.hold(u, direction, bounded, lower, upper)
-                errors.append(self._balance(axis, u))
-                self._note("xyz"[direction], errors[-1], axis)
-                held &= changes == 0
-                if axis is along_z:
-                    lattice.cell_stretch(problem.modulus, uz, stretch)
-                    lattice.stretch_loads(
-                        problem.modulus, span, stretch, along_x.load, along_y.load
-                    )
-            error = max(errors)
-            if held and error <= self.tolerance:
-                converged = True
-                break
-            plates.follow(ux)
-        return SpringState((ux, uy, uz), converged, error, np.array(self.rows, HISTORY))
+        converged, interrupted, error = False, False, np.inf
+        try:
+            for _ in range(self.max_rounds):
+                held, errors = plates.settled, []
+                for axis, u, direction, bounded, lower, upper in (
+                    (along_z, uz, 2, plates.nodes, problem.lower, problem.upper),
+                    (along_x, ux, 0, problem.tissue, CHEST_WALL_INDEX, np.inf),
+                    (along_y, uy, 1, problem.tissue, -np.inf, np.inf),
+                ):
+                    changes = axis.hold(u, direction, bounded, lower, upper)
+                    errors.append(self._balance(axis, u))
+                    self._note("xyz"[direction], errors[-1], axis)
+                    held &= changes == 0
+                    if axis is along_z:
+                        lattice.cell_stretch(problem.modulus, uz, stretch)
+                        lattice.stretch_loads(
+                            problem.modulus, span, stretch, along_x.load, along_y.load
+                        )
+                error = max(errors)
+                converged = held and error <= self.tolerance
+                if converged:
+                    break
+                plates.follow(ux)
+        except KeyboardInterrupt:
+            interrupted = True
+        history = np.array(self.rows, HISTORY)
+        return SpringState((ux, uy, uz), converged, error, history, interrupted)
 
     def _balance(self, axis: _Axis, u: NDArray[np.float64]) -> float:
         """Move one axis towards equilibrium; returns the error estimate that is left."""
