@@ -64,10 +64,11 @@ def present(attenuation: NDArray[np.float32], pixel_mm: float) -> Presentation:
     Notes
     -----
     Around the margin, where the breast is thinner than the gap, the missing attenuation is
-    estimated as a function of the distance from the breast's edge alone (the profile of fat,
-    rising to its plateau) and added back. What is added is smooth, so details keep their
-    contrast, and at any one place more attenuation is always brighter. Ray-tracing knowledge is
-    not used: it works on the image as a scanner's software does.
+    estimated from the distance to the breast's edge (the profile of fat, rising to its plateau)
+    and added back; near the edge, what is thinner still (the nipple) from its neighbourhood. What
+    is added is smooth, so details keep their contrast, and at any one place more attenuation is
+    always brighter. Nothing but the image is used, as in a scanner's software. Where gland
+    reaches the skin along most of the edge, the profile takes it for fat.
     """
     cell = cell_pixels(CELL_MM, pixel_mm)
     coarse = block_mean(attenuation, cell)
