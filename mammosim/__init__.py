@@ -1,1 +1,77 @@
-"""Synthetic mammograms from labelled voxel breasts."""
+"""Synthetic mammograms from labelled voxel breasts, and where each lesion went.
+
+The stages can be called one by one::
+
+    breast = mammosim.generate_phantom(density="scattered", voxel_mm=0.5, seed=1)
+    squeezed = mammosim.compress(breast, view="CC", thickness_mm=50.0)
+    paths = mammosim.project(squeezed, pixel_mm=0.1)
+    image = mammosim.expose(paths, seed=1)
+
+or all at once from a configuration::
+
+    study = mammosim.simulate(mammosim.load_config("quickstart.yaml"))
+"""
+
+from __future__ import annotations
+
+import importlib
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mammosim.acquisition import Mammogram, expose
+    from mammosim.compression import CompressedBreast, compress
+    from mammosim.errors import InputError, Interrupted, MammosimError, NotConverged
+    from mammosim.phantom import BreastPhantom, generate_phantom, read_phantom
+    from mammosim.pipeline import RunConfig, Study, load_config, simulate
+    from mammosim.projection import PathLengths, project
+    from mammosim.targets import Target, find_targets
+
+__version__ = version("mammosim")
+
+_HOMES = {
+    "acquisition": ("Mammogram", "expose"),
+    "compression": ("CompressedBreast", "compress"),
+    "errors": ("InputError", "Interrupted", "MammosimError", "NotConverged"),
+    "phantom": ("BreastPhantom", "generate_phantom", "read_phantom"),
+    "pipeline": ("RunConfig", "Study", "load_config", "simulate"),
+    "projection": ("PathLengths", "project"),
+    "targets": ("Target", "find_targets"),
+}
+_HOME_OF = {name: room for room, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "BreastPhantom",
+    "CompressedBreast",
+    "InputError",
+    "Interrupted",
+    "Mammogram",
+    "MammosimError",
+    "NotConverged",
+    "PathLengths",
+    "RunConfig",
+    "Study",
+    "Target",
+    "compress",
+    "expose",
+    "find_targets",
+    "generate_phantom",
+    "load_config",
+    "project",
+    "read_phantom",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used, so that the command line starts at once."""
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'mammosim' has no attribute '{name}'")
+    value = getattr(importlib.import_module(f"mammosim.{_HOME_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Public names."""
+    return [*__all__, "__version__"]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from make_phantom import half_ellipsoid_breast
 
 import mammosim
 from mammosim.compression import compress
 from mammosim.compression.lattice import breast_volume_ml, build_lattice, tissue_front
 from mammosim.compression.plates import population_thickness_mm
 from mammosim.geometry import View
-from make_phantom import half_ellipsoid_breast
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,9 @@ def test_plates_squeeze_along_their_normal(laterality, view):
     medial = 1.0 if laterality == "R" else -1.0
     angle = {"CC": 0.0, "MLO": np.pi / 4, "ML": np.pi / 2}[view]
     np.testing.assert_allclose(normal, [0, medial * np.sin(angle), np.cos(angle)], atol=1e-12)
-    above, below = squeezed.displacement_at([18.0 * normal, -18.0 * normal] + np.array([15.0, 0, 0]))
+    above, below = squeezed.displacement_at(
+        np.outer([18.0, -18.0], normal) + np.array([15.0, 0, 0])
+    )
     assert above @ normal < -2.0
     assert below @ normal > 2.0
 
@@ -112,9 +114,7 @@ def test_left_and_right_breasts_are_mirror_images():
 
 
 def test_solvers_give_the_same_displacement(breast, squeezed):
-    relaxed = compress(
-        breast, "CC", thickness_mm=32.0, resolution_mm=2.0, solver="relaxation"
-    )
+    relaxed = compress(breast, "CC", thickness_mm=32.0, resolution_mm=2.0, solver="relaxation")
     points = tissue_points(breast)
     gap = squeezed.displacement_at(points) - relaxed.displacement_at(points)
     assert np.linalg.norm(gap, axis=1).mean() < 0.1 * 2.0
@@ -122,9 +122,7 @@ def test_solvers_give_the_same_displacement(breast, squeezed):
 
 
 def test_plates_can_be_given_by_their_heights(breast):
-    squeezed = compress(
-        breast, "CC", support_z_mm=-14.0, paddle_z_mm=20.0, resolution_mm=3.0
-    )
+    squeezed = compress(breast, "CC", support_z_mm=-14.0, paddle_z_mm=20.0, resolution_mm=3.0)
     assert (squeezed.support_z_mm, squeezed.paddle_z_mm) == (-14.0, 20.0)
 
 
@@ -160,7 +158,9 @@ def test_muscle_is_held_or_soft():
 
 
 def test_muscle_left_out_depends_on_how_far_it_reaches():
-    slab = compress(half_ellipsoid_breast(muscle_mm=8.0), "CC", thickness_mm=36.0, resolution_mm=3.0)
+    slab = compress(
+        half_ellipsoid_breast(muscle_mm=8.0), "CC", thickness_mm=36.0, resolution_mm=3.0
+    )
     wedge = compress(
         half_ellipsoid_breast(muscle_mm=22.0), "CC", thickness_mm=36.0, resolution_mm=3.0
     )
@@ -218,7 +218,10 @@ def test_tissue_that_hangs_on_nothing_is_left_out_and_said():
         ({"paddle_z_mm": 30.0}, r"given together or not at all"),
         ({"paddle_z_mm": -30.0, "support_z_mm": 0.0}, r"must be greater than support_z_mm"),
         ({"plate_edge_mm": 80.0}, r"plate_edge_mm: found 80, but tissue reaches only to"),
-        ({"resolution_mm": "fine"}, r"compression.resolution_mm: found 'fine', expected a valid number"),
+        (
+            {"resolution_mm": "fine"},
+            r"compression.resolution_mm: found 'fine', expected a valid number",
+        ),
         ({"model": "none", "thickness_mm": 30.0}, r"'none' moves nothing"),
     ],
 )
@@ -228,7 +231,9 @@ def test_bad_settings_say_what_is_allowed(settings, message, breast):
 
 
 def test_unknown_view(breast):
-    with pytest.raises(mammosim.InputError, match="view: found 'XCCL', expected one of CC, MLO, ML"):
+    with pytest.raises(
+        mammosim.InputError, match="view: found 'XCCL', expected one of CC, MLO, ML"
+    ):
         compress(breast, "XCCL")
 
 
@@ -255,8 +260,8 @@ def test_interruption_carries_what_was_reached(breast):
         raise KeyboardInterrupt
 
     for solver in ("multigrid", "relaxation"):
-        with pytest.raises(mammosim.Interrupted, match="LCC: compression was interrupted") as caught:
-            compress(
-                breast, "CC", thickness_mm=32.0, resolution_mm=3.0, solver=solver, watch=stop
-            )
+        with pytest.raises(
+            mammosim.Interrupted, match="LCC: compression was interrupted"
+        ) as caught:
+            compress(breast, "CC", thickness_mm=32.0, resolution_mm=3.0, solver=solver, watch=stop)
         assert caught.value.reached.interrupted

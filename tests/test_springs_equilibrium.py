@@ -5,9 +5,9 @@ from __future__ import annotations
 import numba
 import numpy as np
 import pytest
+from make_springs import half_ellipsoid
 
 from mammosim.compression.springs import (
-    SPRING_SOLVERS,
     SpringProblem,
     relax,
     remaining_deviation,
@@ -15,7 +15,8 @@ from mammosim.compression.springs import (
 )
 from mammosim.compression.springs.measures import spring_measures, volume_measures
 from mammosim.compression.springs.series_start import series_start
-from make_springs import half_ellipsoid
+
+SPRING_SOLVERS = {"multigrid": solve, "relaxation": relax}
 
 
 def distance(a, b, problem: SpringProblem) -> np.ndarray:
@@ -62,7 +63,9 @@ def test_a_breast_at_rest_stays(solver, problem):
     assert max(np.abs(u[problem.tissue]).max() for u in state.displacement) < 1e-12
 
 
-@pytest.mark.parametrize(("solver", "limit", "left"), [("multigrid", 1e-5, 1e-4), ("relaxation", 1e-7, 1e-3)])
+@pytest.mark.parametrize(
+    ("solver", "limit", "left"), [("multigrid", 1e-5, 1e-4), ("relaxation", 1e-7, 1e-3)]
+)
 def test_decompression_returns_to_rest(solver, limit, left, problem, equilibrium):
     state = SPRING_SOLVERS[solver](problem.released(), limit, start=equilibrium)
     assert state.converged

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from make_springs import half_ellipsoid, random_lattice
+from naive import springs as naive
 
 from mammosim.compression.springs import SpringProblem
 from mammosim.compression.springs import _lattice_kernels as lattice
@@ -14,8 +16,6 @@ from mammosim.compression.springs.multigrid import (
     Multigrid,
     conjugate_gradients,
 )
-from make_springs import half_ellipsoid, random_lattice
-from naive import springs as naive
 
 
 def level_of(modulus: np.ndarray, fixed: np.ndarray) -> LatticeLevel:

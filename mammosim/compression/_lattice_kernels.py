@@ -67,5 +67,7 @@ def tissue_reach(labels, wanted, out):
 def _row(matrix, row, p, q, r):
     """Nearest voxel index along one axis of a lattice place."""
     return int(
-        np.floor(matrix[row, 0] * p + matrix[row, 1] * q + matrix[row, 2] * r + matrix[row, 3] + 0.5)
+        np.floor(
+            matrix[row, 0] * p + matrix[row, 1] * q + matrix[row, 2] * r + matrix[row, 3] + 0.5
+        )
     )

@@ -95,8 +95,8 @@ def _points(points_mm: ArrayLike) -> NDArray[np.float64]:
 
 def _inside(frame: VoxelFrame, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     index = frame.index(points)
-    inside: NDArray[np.bool_] = ((index >= 0) & (index <= np.array(frame.shape) - 1)).all(axis=1)
-    return inside
+    inside = (index >= 0) & (index <= np.array(frame.shape) - 1)
+    return np.asarray(inside.all(axis=1))
 
 
 def _trilinear(

@@ -57,13 +57,16 @@ def invert(
     index = np.argwhere(tissue)
     moved = index + displacement[tissue]
     shift = np.floor(moved.min(axis=0)) - 2.0
-    shape = tuple((np.ceil(moved.max(axis=0)) + 3.0 - shift).astype(int))
+    nx, ny, nz = (int(n) for n in np.ceil(moved.max(axis=0)) + 3.0 - shift)
+    shape = (nx, ny, nz)
     original = np.full((*shape, 3), np.nan)
     rank = np.zeros(shape, np.int8)
     rasterise_inverse(displacement, tissue, shift, KUHN_TETRAHEDRA, original, rank)
     covered = rank > 0
-    grid = np.stack(np.indices(shape)) + shift[:, None, None, None]
-    back = continued(np.where(covered, np.moveaxis(original, -1, 0) - grid, 0.0), covered, RIM_LAYERS)
+    grid = np.indices(shape) + shift[:, None, None, None]
+    back = continued(
+        np.where(covered, np.moveaxis(original, -1, 0) - grid, 0.0), covered, RIM_LAYERS
+    )
     rim = continued(covered[None].astype(np.float32), covered, RIM_LAYERS)[0] > 0.0
     places = np.where(rim, grid + back, np.nan)
     original_mm = frame.origin_mm + np.moveaxis(places, 0, -1) * frame.spacing_mm

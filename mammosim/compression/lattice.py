@@ -21,7 +21,7 @@ MOST_SAMPLES = 10
 """Points along each axis at which a block is sampled; a 1 mm block of 0.1 mm voxels has 10."""
 
 MUSCLE_REACH_MM = 20.0
-"""Muscle that reaches further in front of the chest wall lies between the plates and must deform."""
+"""Muscle that reaches further forward than this lies between the plates and must deform, mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +100,9 @@ def build_lattice(
     fraction, modulus, muscle = (np.zeros(frame.shape, np.float32) for _ in range(3))
     samples = int(np.clip(np.ceil(resolution_mm / breast.voxel_mm.min() - 1e-6), 2, MOST_SAMPLES))
     moduli = np.zeros(256, np.float32)
-    for label, tissue in breast.tissue_of_label.items():
-        if tissue != "air":
-            moduli[label] = stiffness_kpa(tissue, stiffness_set)
+    for label, name in breast.tissue_of_label.items():
+        if name != "air":
+            moduli[label] = stiffness_kpa(name, stiffness_set)
     gather_blocks(
         breast.labels, moduli, _table(breast, "muscle"), _to_voxel(breast, view, frame), samples,
         fraction, modulus, muscle,
@@ -131,9 +131,7 @@ def breast_volume_ml(breast: BreastPhantom) -> float:
     return float(layers.sum() * breast.voxel_mm.prod() * 1e-3)
 
 
-def bounds_mm(
-    breast: BreastPhantom, view: View
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def bounds_mm(breast: BreastPhantom, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lowest and highest corner (3,) of the box around all tissue, compression frame, mm."""
     outline = np.zeros(breast.labels.shape[1:], bool)
     tissue_outline(breast.labels, outline)

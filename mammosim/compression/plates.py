@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mammosim.compression.lattice import Lattice, Reach
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
@@ -72,7 +75,8 @@ def place_plates(
         )
     if settings.support_z_mm is not None and settings.paddle_z_mm is not None:
         return Plates(settings.support_z_mm, settings.paddle_z_mm, edge_mm), ()
-    thickness, notes = settings.thickness_mm, ()
+    thickness = settings.thickness_mm
+    notes: tuple[str, ...] = ()
     height = beyond_edge_height_mm(lattice, edge_mm)
     if thickness is None:
         fitted = population_thickness_mm(view, volume_ml)
@@ -92,11 +96,13 @@ def place_plates(
 
 def beyond_edge_height_mm(lattice: Lattice, edge_mm: float) -> float:
     """Height of the tissue between the plates at rest, from face to face, mm."""
-    x = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * _layers(lattice)
-    first = int(_layers(lattice)[x > edge_mm][0])
-    layers = lattice.tissue[first:].any(axis=(0, 1)).nonzero()[0]
-    return float((layers[-1] - layers[0] + 1) * lattice.frame.spacing_mm[2])
+    layers = _layers(lattice)
+    x = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * layers
+    between = lattice.tissue[layers[x > edge_mm][0] :]
+    levels = np.flatnonzero(between.any(axis=(0, 1)))
+    return float((levels[-1] - levels[0] + 1) * lattice.frame.spacing_mm[2])
 
 
-def _layers(lattice: Lattice):  # type: ignore[no-untyped-def]
-    return lattice.tissue.any(axis=(1, 2)).nonzero()[0]
+def _layers(lattice: Lattice) -> NDArray[np.intp]:
+    """x indices of layers with tissue."""
+    return np.flatnonzero(lattice.tissue.any(axis=(1, 2)))

@@ -79,9 +79,7 @@ class CompressionSettings(Settings):
             raise ValueError("support_z_mm and paddle_z_mm are given together or not at all")
         ways = [self.thickness_mm is not None, self.force_n is not None, all(heights)]
         if sum(ways) > 1:
-            raise ValueError(
-                "give one of thickness_mm, force_n, or support_z_mm with paddle_z_mm"
-            )
+            raise ValueError("give one of thickness_mm, force_n, or support_z_mm with paddle_z_mm")
         if all(heights) and self.paddle_z_mm <= self.support_z_mm:  # type: ignore[operator]
             raise ValueError("paddle_z_mm must be greater than support_z_mm")
         return self

@@ -19,7 +19,7 @@ from mammosim.compression.lattice import (
 )
 from mammosim.compression.plates import Plates, place_plates, plate_edge_mm
 from mammosim.compression.settings import CompressionSettings
-from mammosim.compression.springs import SPRING_SOLVERS, SpringProblem, SpringState
+from mammosim.compression.springs import SpringProblem, SpringState, relax, solve
 from mammosim.compression.springs.measures import spring_measures
 from mammosim.compression.springs.problem import CHEST_WALL_INDEX
 from mammosim.errors import InputError
@@ -56,13 +56,20 @@ class _Case:
 
     def solve(self, plates: Plates, start: SpringState | None = None) -> SpringState:
         """Equilibrium by the solver that the settings name."""
-        settings, problem = self.settings, self.problem(plates)
-        if settings.solver == "relaxation":
-            return SPRING_SOLVERS["relaxation"](
-                problem, settings.relaxation_limit_voxel, settings.max_sweeps, self.seed, start,
-                self.watch,
-            )  # fmt: skip
-        return SPRING_SOLVERS["multigrid"](problem, settings.tolerance_voxel, start, self.watch)
+        return SPRING_SOLVERS[self.settings.solver](self, self.problem(plates), start)
+
+
+def _by_multigrid(case: _Case, problem: SpringProblem, start: SpringState | None) -> SpringState:
+    return solve(problem, case.settings.tolerance_voxel, start, case.watch)
+
+
+def _by_relaxation(case: _Case, problem: SpringProblem, start: SpringState | None) -> SpringState:
+    limit, sweeps = case.settings.relaxation_limit_voxel, case.settings.max_sweeps
+    return relax(problem, limit, sweeps, case.seed, start, case.watch)
+
+
+SPRING_SOLVERS = {"multigrid": _by_multigrid, "relaxation": _by_relaxation}
+"""Solvers of the spring model by the name a configuration gives them."""
 
 
 def compress_springs(
@@ -138,9 +145,7 @@ def _result(
     )  # fmt: skip
 
 
-def _reach_force(
-    case: _Case, widest: Plates, wanted_n: float
-) -> tuple[Plates, SpringState]:
+def _reach_force(case: _Case, widest: Plates, wanted_n: float) -> tuple[Plates, SpringState]:
     """Plates' place at which the paddle bears a force, by a bracketing secant in the thickness."""
     bottom, top = case.lattice.height_mm
     middle, height = 0.5 * (bottom + top), top - bottom

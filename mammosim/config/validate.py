@@ -43,11 +43,16 @@ def to_settings(
         raise InputError(f"{where}: {at}: found {_shown(values)}, expected a mapping of keys")
     try:
         # JSON mode is strict about types (no "5" for 5, no true for 1) yet takes lists for tuples.
-        text = json.dumps(values, default=str, allow_nan=True)
+        text = json.dumps(values, default=_as_plain, allow_nan=True)
         return kind.model_validate_json(text, strict=True)
     except ValidationError as error:
         problems = [_sentence(kind, item, where, prefix) for item in error.errors()]
         raise InputError(dict.fromkeys(problems)) from None
+
+
+def _as_plain(value: Any) -> Any:
+    """NumPy numbers and arrays, paths and dates as JSON has them."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def _sentence(kind: type[Settings], item: Any, where: str, prefix: tuple[str, ...]) -> str:
@@ -68,7 +73,8 @@ def _sentence(kind: type[Settings], item: Any, where: str, prefix: tuple[str, ..
 def _is_union_tag(part: Any) -> bool:
     """Pydantic puts the name of the tried alternative of a union into the path."""
     return isinstance(part, str) and (
-        part[:1].isupper() or part.startswith(("literal[", "list[", "tuple[", "function-", "dict["))
+        part[:1].isupper()
+        or part.startswith(("literal[", "list[", "tuple[", "function-", "dict["))
         or part in {"float", "int", "str", "bool", "none"}
     )
 

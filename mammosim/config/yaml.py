@@ -12,6 +12,9 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from mammosim.errors import InputError
 
+MOST_VALUES = 100_000
+"""In one file, aliases followed: far above any configuration, far below what fills memory."""
+
 
 def read_yaml(path: str | os.PathLike[str]) -> Any:
     """Read a YAML 1.2 file of plain values (no tags, no code, no duplicate keys).
@@ -49,13 +52,31 @@ def parse_value(text: str, where: str) -> Any:
 
 def _parse(text: str, where: str) -> Any:
     try:
-        return YAML(typ="safe", pure=True).load(text)
+        value = YAML(typ="safe", pure=True).load(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark is not None else ""
         raise InputError(f"{where}{line}: not valid YAML ({error.problem})") from None
     except (YAMLError, ValueError, RecursionError) as error:
         raise InputError(f"{where}: not valid YAML ({str(error).splitlines()[0]})") from None
+    if _count(value, MOST_VALUES) > MOST_VALUES:
+        raise InputError(
+            f"{where}: more than {MOST_VALUES} values, or an alias that refers to itself"
+        )
+    return value
+
+
+def _count(value: Any, most: int) -> int:
+    """Number of values with all aliases followed, counted no further than just above `most`."""
+    waiting, count = [value], 0
+    while waiting and count <= most:
+        item = waiting.pop()
+        count += 1
+        if isinstance(item, dict):
+            waiting.extend(item.values())
+        elif isinstance(item, list | tuple | set):
+            waiting.extend(item)
+    return count
 
 
 def write_yaml(value: Any, path: str | os.PathLike[str]) -> None:

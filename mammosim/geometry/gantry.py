@@ -76,10 +76,9 @@ class Gantry:
 
     def breast_from_gantry(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Gantry points (..., 3) to the breast frame, mm."""
-        shifted = np.asarray(points_mm, dtype=np.float64) + [
-            self.detector_edge_mm, 0.0, self.support_z_mm,
-        ]  # fmt: skip
-        return shifted @ self.view.rotation
+        shift = np.array([self.detector_edge_mm, 0.0, self.support_z_mm])
+        turned: NDArray[np.float64] = (np.asarray(points_mm) + shift) @ self.view.rotation
+        return turned
 
     def project(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Project gantry points through the focal spot onto the detector.
@@ -112,8 +111,10 @@ class Gantry:
 
     def detector_xy_mm(self, row: ArrayLike, column: ArrayLike) -> NDArray[np.float64]:
         """(..., 2) gantry x and y on the detector plane of rows and columns, mm."""
-        down = (np.asarray(row, dtype=np.float64) + 0.5) * self.pixel_mm
-        along = (np.asarray(column, dtype=np.float64) + 0.5) * self.pixel_mm
+        down, along = np.broadcast_arrays(
+            (np.asarray(row, dtype=np.float64) + 0.5) * self.pixel_mm,
+            (np.asarray(column, dtype=np.float64) + 0.5) * self.pixel_mm,
+        )
         if self.view.laterality == "L":
             return np.stack([along, self.y_max_mm - down], axis=-1)
         return np.stack([self.x_max_mm - along, self.y_min_mm + down], axis=-1)

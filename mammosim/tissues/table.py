@@ -66,9 +66,7 @@ STIFFNESS_SETS: tuple[str, ...] = tuple(
 """Names of the stiffness sets."""
 
 LESION_LABELS: tuple[int, ...] = tuple(
-    label
-    for label in range(151, 256)
-    if label not in {tissue.label for tissue in TISSUES.values()}
+    label for label in range(151, 256) if label not in {tissue.label for tissue in TISSUES.values()}
 )
 """Labels free for single lesions, so that each keeps its own image and its own mask."""
 

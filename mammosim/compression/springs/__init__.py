@@ -5,11 +5,7 @@ from mammosim.compression.springs.equilibrium import solve
 from mammosim.compression.springs.problem import SpringProblem, SpringState
 from mammosim.compression.springs.relaxation import relax
 
-SPRING_SOLVERS = {"multigrid": solve, "relaxation": relax}
-"""Solvers of the spring model by the name a configuration gives them."""
-
 __all__ = [
-    "SPRING_SOLVERS",
     "SpringProblem",
     "SpringState",
     "relax",

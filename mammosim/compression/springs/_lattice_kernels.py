@@ -58,7 +58,7 @@ def lattice_residual(modulus, span, free, u, load, out):
 
 @contracting_parallel_kernel
 def lattice_smooth(modulus, span, inverse_diagonal, u, load, keep, gain, direction, out):
-    """One Chebyshev step: ``direction = keep direction + gain D^-1 (load - A u)``, ``out = u +``.
+    """``direction = keep direction + gain D^-1 (load - A u)``; ``out = u + direction``.
 
     `inverse_diagonal` is 0 where a node may not move.
     """
@@ -110,7 +110,10 @@ def cell_stretch(modulus, z_displacement, out):
                 edges = 0
                 for di in range(2):
                     for dj in range(2):
-                        if modulus[i + di, j + dj, k] > 0.0 and modulus[i + di, j + dj, k + 1] > 0.0:
+                        if (
+                            modulus[i + di, j + dj, k] > 0.0
+                            and modulus[i + di, j + dj, k + 1] > 0.0
+                        ):
                             total += (
                                 1.0
                                 + z_displacement[i + di, j + dj, k + 1]

@@ -43,7 +43,7 @@ def stencil_residual(stencil, u, load, out):
 
 @contracting_parallel_kernel
 def stencil_smooth(stencil, inverse_diagonal, u, load, keep, gain, direction, out):
-    """One Chebyshev step: ``direction = keep direction + gain D^-1 (load - A u)``, ``out = u +``."""
+    """``direction = keep direction + gain D^-1 (load - A u)``; ``out = u + direction``."""
     for i in prange(1, u.shape[0] - 1):
         force = np.empty(u.shape[2], u.dtype)
         for j in range(1, u.shape[1] - 1):
@@ -131,7 +131,7 @@ def galerkin_of_stencil(stencil, out):
 
 @contracting_kernel
 def _coarse_weight(reach, step):
-    """Interpolation weight of the coarse node `step` away at fine distance `reach`, along an axis."""
+    """Weight along an axis, at fine distance `reach`, of the coarse node `step` away."""
     return max(0.0, 1.0 - 0.5 * abs(reach - 2 * step))
 
 
@@ -147,9 +147,7 @@ def _collapse_lattice_x(modulus, diagonal, free, i, half):
             di, dj, dk = offset // 9 - 1, (offset // 3) % 3 - 1, offset % 3 - 1
             shift = np.uint64(dk + 1)
             for step in range(-1, 2):
-                weight = np.float32(
-                    (1.0 - 0.5 * abs(ti)) * _coarse_weight(ti + di, step)
-                )
+                weight = np.float32((1.0 - 0.5 * abs(ti)) * _coarse_weight(ti + di, step))
                 if weight == 0.0:
                     continue
                 plane = half[9 * (step + 1) + offset % 9]
@@ -178,9 +176,7 @@ def _collapse_stencil_x(stencil, i, half):
         for offset in range(27):
             di, dj, dk = offset // 9 - 1, (offset // 3) % 3 - 1, offset % 3 - 1
             for step in range(-1, 2):
-                weight = np.float32(
-                    (1.0 - 0.5 * abs(ti)) * _coarse_weight(ti + di, step)
-                )
+                weight = np.float32((1.0 - 0.5 * abs(ti)) * _coarse_weight(ti + di, step))
                 if weight == 0.0:
                     continue
                 plane = half[9 * (step + 1) + offset % 9]

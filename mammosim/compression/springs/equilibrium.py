@@ -158,7 +158,7 @@ class _Run:
 
     def _note(self, name: str, error: float, axis: _Axis) -> None:
         nodes = np.count_nonzero(self.problem.modulus)
-        row = np.array((len(self.rows), nodes, name, error, axis.held), HISTORY)[()]
+        row = np.array([(len(self.rows), nodes, name, error, axis.held)], HISTORY)[0]
         self.rows.append(row)
         if self.watch is not None:
             self.watch(row)

@@ -89,9 +89,7 @@ def _contact(
     uz = state.displacement[2]
     force = np.zeros(uz.shape)
     free = (problem.tissue & ~problem.fixed).astype(np.float32)
-    lattice.lattice_residual(
-        problem.modulus, problem.span(), free, uz, np.zeros(uz.shape), force
-    )
+    lattice.lattice_residual(problem.modulus, problem.span(), free, uz, np.zeros(uz.shape), force)
     z = np.arange(uz.shape[2]) + uz
     contact = np.zeros(uz.shape, np.int8)
     contact[(z >= problem.upper - TOUCH_VOXEL) & (force > 0.0)] = 1

@@ -37,7 +37,7 @@ SMOOTHED_PART = 4.0
 DEPENDENT_SHIFT = 1e-5
 """Added to the coarsest diagonal, relative: far above single-precision rounding, far below need."""
 
-Field = NDArray[np.float32]
+Field = NDArray[np.floating]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,14 @@ class LatticeLevel:
         lattice.lattice_residual(self.modulus, self.span, self.free, u, load, out)
 
     def smooth(
-        self, scale: Field, u: Field, load: Field, keep: float, gain: float, step: Field, out: Field
+        self,
+        scale: Field,
+        u: Field,
+        load: Field,
+        keep: np.float32,
+        gain: np.float32,
+        step: Field,
+        out: Field,
     ) -> None:
         """One Chebyshev step from `u` to `out`."""
         lattice.lattice_smooth(self.modulus, self.span, scale, u, load, keep, gain, step, out)
@@ -102,7 +109,14 @@ class StencilLevel:
         stencils.stencil_residual(self.stencil, u, load, out)
 
     def smooth(
-        self, scale: Field, u: Field, load: Field, keep: float, gain: float, step: Field, out: Field
+        self,
+        scale: Field,
+        u: Field,
+        load: Field,
+        keep: np.float32,
+        gain: np.float32,
+        step: Field,
+        out: Field,
     ) -> None:
         """One Chebyshev step from `u` to `out`."""
         stencils.stencil_smooth(self.stencil, scale, u, load, keep, gain, step, out)

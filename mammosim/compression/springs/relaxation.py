@@ -74,7 +74,7 @@ def relax(
         for number in range(1, max_sweeps + 1):
             orders = [rng.permutation(np.arange(1, n - 1)) for n in problem.modulus.shape]
             sweep(problem.modulus, problem.fixed, x, y, z, *orders, plates, sums)
-            row = np.array((number, *sums[:3], int(sums[3])), HISTORY)[()]
+            row = np.array([(number, *sums[:3], int(sums[3]))], HISTORY)[0]
             rows.append(row)
             if watch is not None:
                 watch(row)

@@ -39,7 +39,9 @@ def coarsened(problem: SpringProblem) -> SpringProblem:
     )
 
 
-def interpolated(coarse: Displacement, coarse_tissue: NDArray[np.bool_], fine: SpringProblem) -> Displacement:
+def interpolated(
+    coarse: Displacement, coarse_tissue: NDArray[np.bool_], fine: SpringProblem
+) -> Displacement:
     """Displacement of a coarse lattice brought to the lattice of `fine`, in its units."""
     field = continued(np.stack(coarse), coarse_tissue, 2)
     free = (fine.tissue & ~fine.fixed).astype(np.float64)

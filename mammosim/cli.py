@@ -1,0 +1,242 @@
+"""The command line: reads arguments, calls the pipeline, and is the only place that prints.
+
+Exit status: 0 done, 2 bad input, 3 not converged, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import contextmanager
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from mammosim.errors import InputError, Interrupted, MammosimError, NotConverged
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mammosim.phantom import PhantomSummary
+    from mammosim.pipeline import Study
+
+BAD_INPUT, UNCONVERGED, INTERRUPTED = 2, 3, 130
+
+app = typer.Typer(
+    help="Synthetic mammograms from labelled voxel breasts, and where each lesion went.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+out, err = Console(soft_wrap=True), Console(stderr=True, soft_wrap=True)
+_debug = False
+
+
+def main() -> None:
+    """Entry point of the command `mammosim`."""
+    app()
+
+
+@app.callback()
+def _options(
+    debug: Annotated[bool, typer.Option(help="Show tracebacks of errors.")] = False,
+    version: Annotated[bool, typer.Option(help="Print the version and stop.")] = False,
+) -> None:
+    global _debug
+    _debug = debug
+    if version:
+        from mammosim import __version__
+
+        out.print(__version__)
+        raise typer.Exit
+
+
+@contextmanager
+def _exit_status() -> Iterator[None]:
+    """Turn the package's errors into plain lines and the exit status that belongs to them."""
+    try:
+        yield
+    except MammosimError as error:
+        if _debug:
+            raise
+        for line in getattr(error, "problems", None) or str(error).splitlines():
+            err.print(f"[bold red]error:[/] {_plain(line)}", highlight=False)
+        kinds = {InputError: BAD_INPUT, NotConverged: UNCONVERGED, Interrupted: INTERRUPTED}
+        raise typer.Exit(kinds.get(type(error), 1)) from None
+    except KeyboardInterrupt:
+        err.print("[bold red]interrupted[/]")
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _plain(text: str) -> str:
+    return text.replace("[", r"\[")
+
+
+@app.command()
+def new(name: Annotated[str, typer.Argument(help="Name of the example, as quickstart.")]) -> None:
+    """Write a commented example configuration into the current folder."""
+    with _exit_status(), _examples() as folder:
+        examples = sorted(path.stem for path in folder.glob("*.yaml"))
+        if name not in examples:
+            raise InputError(f"new: found '{name}', expected one of {', '.join(examples)}")
+        target = Path(f"{name}.yaml")
+        try:
+            with target.open("x", encoding="utf-8") as stream:
+                stream.write((folder / target.name).read_text(encoding="utf-8"))
+        except FileExistsError:
+            raise InputError(f"{target}: exists already; remove it first") from None
+        except OSError as error:
+            raise InputError(f"{target}: cannot be written ({error.strerror})") from None
+        out.print(f"wrote {target}; run it with: mammosim run {target}")
+
+
+@contextmanager
+def _examples() -> Iterator[Path]:
+    """Folder of the example configurations: in the package, or beside it in a checkout."""
+    inside = files("mammosim").joinpath("configs")
+    if inside.is_dir():
+        with as_file(inside) as folder:
+            yield folder
+    else:
+        yield Path(__file__).parents[1] / "configs"
+
+
+@app.command()
+def run(
+    config: Annotated[Path, typer.Argument(help="The configuration, a YAML file.")],
+    output: Annotated[
+        Path | None, typer.Option(help="The run's folder; default runs/ and the file's name.")
+    ] = None,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="SECTION.KEY=VALUE", help="Another value for a key."),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option(help="Do nothing if the same run is finished there, else run again.")
+    ] = False,
+    overwrite: Annotated[bool, typer.Option(help="Replace what is in the folder.")] = False,
+) -> None:
+    """Run the whole pipeline."""
+    with _exit_status():
+        from mammosim.pipeline import RunFolder, load_config, simulate
+        from mammosim.pipeline.save import check_output, is_finished
+
+        folder = output or Path("runs") / config.stem
+        check_output(folder, resume, overwrite)
+        settings = load_config(config, change or ())
+        if resume and is_finished(folder, settings):
+            out.print(f"{folder}: this run is finished already")
+            return
+        saved = RunFolder(folder, settings, config.stem)
+        with _progress() as tell:
+            study = simulate(settings, saved, tell)
+        _print_summary(study, folder)
+
+
+@contextmanager
+def _progress() -> Iterator[Any]:
+    """Show stages: a moving line on a terminal, one plain line a stage elsewhere."""
+    if not err.is_terminal:
+
+        def log(view: str, stage: str, row: Any) -> None:
+            if row is None:
+                err.print(f"{view + ': ' if view else ''}{stage}", highlight=False)
+
+        yield log
+        return
+    with err.status("starting") as status:
+
+        def show(view: str, stage: str, row: Any) -> None:
+            where = f"[bold]{view}[/] " if view else ""
+            if row is None:
+                status.update(f"{where}{stage}")
+            else:
+                status.update(f"{where}{stage}: {_row_text(row)}")
+
+        yield show
+
+
+def _row_text(row: Any) -> str:
+    """A row of a solver's history in a few words."""
+    if "sweep" in row.dtype.names:
+        nodes = max(int(row["nodes_counted"]), 1)
+        means = ", ".join(f"{axis} {row[f'sum_d{axis}_voxel'] / nodes:.1e}" for axis in "xyz")
+        return f"sweep {row['sweep']}, mean move {means}"
+    return (
+        f"{row['nodes']} nodes, {row['axis']}: error {row['error_estimate_voxel']:.1e} voxel, "
+        f"{row['nodes_held']} held by the plates"
+    )
+
+
+def _print_summary(study: Study, folder: Path) -> None:
+    table = Table(box=None, pad_edge=False)
+    for heading in ("view", "target", "shift mm", "row px", "column px", "in field"):
+        table.add_column(heading, justify="left" if heading in ("view", "target") else "right")
+    for row in study.targets:
+        table.add_row(
+            row.view, row.name, f"{row.shift_mm:.1f}", f"{row.image_row_px:.0f}",
+            f"{row.image_col_px:.0f}", "yes" if row.in_field else "no",
+        )  # fmt: skip
+    out.print(table)
+    for name, view in study.views.items():
+        if view.mammogram is not None:
+            out.print(
+                f"{name}: {view.squeezed.thickness_mm:.1f} mm, {view.squeezed.force_n:.1f} N, "
+                f"{view.mammogram.kvp:g} kV {view.mammogram.target}/{view.mammogram.filter}, "
+                f"{view.mammogram.mas:.0f} mAs, {view.mammogram.dose_mgy:.2f} mGy",
+                highlight=False,
+            )
+    out.print(f"results in {folder}; open {folder / 'report.html'}", highlight=False)
+
+
+@app.command()
+def check(
+    config: Annotated[Path, typer.Argument(help="The configuration, a YAML file.")],
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="SECTION.KEY=VALUE", help="Another value for a key."),
+    ] = None,
+) -> None:
+    """Validate a configuration and print the plan, without computing anything."""
+    with _exit_status():
+        from mammosim.pipeline import load_config, make_plan
+
+        plan = make_plan(load_config(config, change or ()))
+        for line in plan.lines:
+            out.print(_plain(line), highlight=False)
+        out.print(
+            f"about {plan.memory_gb:.1f} GB of memory and {max(plan.minutes, 0.1):.1f} minutes "
+            "on two cores",
+            highlight=False,
+        )
+
+
+@app.command()
+def info(
+    phantom: Annotated[Path, typer.Argument(help="A phantom file.")],
+    labels: Annotated[
+        str | None, typer.Option(help="Label map: a name, or a YAML file of label: tissue.")
+    ] = None,
+) -> None:
+    """Size, voxel, extent, volume per tissue, orientation, side and lesions of a phantom."""
+    with _exit_status():
+        from mammosim.phantom import phantom_summary, read_phantom
+
+        _print_phantom(phantom_summary(read_phantom(phantom, labels=labels)))
+
+
+def _print_phantom(summary: PhantomSummary) -> None:
+    for heading, value in summary.rows():
+        out.print(f"{heading}: {_plain(value)}", highlight=False)
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of the configuration."""
+    from mammosim.pipeline import RunConfig
+
+    sys.stdout.write(json.dumps(RunConfig.model_json_schema(), indent=2) + "\n")

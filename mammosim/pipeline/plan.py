@@ -1,0 +1,86 @@
+"""What a run will do, and about how much memory and time it takes, before anything is computed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mammosim.phantom import PhantomSettings, expected_voxels
+from mammosim.pipeline.run_config import RunConfig
+
+# Bytes and seconds below were measured with benchmarks/pipeline.py (see benchmarks/RESULTS.md) on
+# two cores; the estimates are rounded up and only meant to tell minutes from hours.
+BYTES_A_VOXEL = 1.3
+"""Fine labels: one byte, and what reading or generating them needs beside it."""
+
+BYTES_A_NODE = 150.0
+"""Of the lattice's box: displacement and force in double, multigrid in single precision."""
+
+BYTES_A_PIXEL = 130.0
+"""Path lengths of about eight tissues, twice in single precision, and the exposure's images."""
+
+BASE_BYTES = 4.5e8
+"""The interpreter with its libraries and compiled code."""
+
+SECONDS_A_VOXEL = {"file": 4e-8, "generate": 4e-7}
+SECONDS_A_NODE = {"multigrid": 6e-6, "relaxation": 2e-3}
+SECONDS_A_PIXEL = 2.5e-6
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The stages of a run in words, and its estimated needs."""
+
+    lines: tuple[str, ...]
+    memory_gb: float
+    minutes: float
+
+
+def make_plan(config: RunConfig) -> Plan:
+    """Plan a run from its configuration alone.
+
+    The size of a phantom is read from its header or from the generator's settings; nothing is
+    computed.
+    """
+    voxels, voxel_volume_mm3 = expected_voxels(config.phantom)
+    lines = [_source(config.phantom, voxels)]
+    kind = "file" if config.phantom.file else "generate"
+    seconds = 5.0 + voxels * SECONDS_A_VOXEL[kind]
+    largest = 0.0
+    for view in config.views:
+        compression = config.section_for(view, "compression")
+        projection = config.section_for(view, "projection")
+        nodes = 0.0
+        if compression.model != "none":
+            nodes = voxels * voxel_volume_mm3 / compression.resolution_mm**3
+            seconds += nodes * SECONDS_A_NODE[compression.solver]
+        height, width = projection.detector_mm or (240.0, 180.0)
+        pixels = height * width / projection.pixel_mm**2
+        seconds += pixels * SECONDS_A_PIXEL
+        largest = max(largest, nodes * BYTES_A_NODE + pixels * BYTES_A_PIXEL)
+        lines.append(_view_line(view.view, compression, projection.pixel_mm, nodes, pixels))
+    memory = BASE_BYTES + voxels * BYTES_A_VOXEL + largest * len(config.views)
+    return Plan(tuple(lines), memory / 1e9, seconds / 60.0)
+
+
+def _source(phantom: PhantomSettings, voxels: int) -> str:
+    source = phantom.file if phantom.file else "generated"
+    return f"phantom: {source}, {voxels / 1e6:.1f} million voxels"
+
+
+def _view_line(name: str, compression, pixel_mm: float, nodes: float, pixels: float) -> str:  # type: ignore[no-untyped-def]
+    if compression.model == "none":
+        how = "left uncompressed"
+    else:
+        if compression.thickness_mm is not None:
+            goal = f"to {compression.thickness_mm:g} mm"
+        elif compression.force_n is not None:
+            goal = f"with {compression.force_n:g} N"
+        elif compression.paddle_z_mm is not None:
+            goal = f"to {compression.paddle_z_mm - compression.support_z_mm:g} mm"
+        else:
+            goal = "to the thickness of the population fit"
+        how = (
+            f"compressed {goal} ({compression.model}, {compression.solver}, at most "
+            f"{nodes / 1e6:.2f} million nodes)"
+        )
+    return f"{name}: {how}; projected onto {pixels / 1e6:.1f} million pixels of {pixel_mm:g} mm"

@@ -1,0 +1,175 @@
+"""One run, in the order in which a mammogram is made."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mammosim.acquisition import Mammogram, expose
+from mammosim.compression import CompressedBreast, compress
+from mammosim.errors import Interrupted, NotConverged
+from mammosim.geometry import View
+from mammosim.phantom import BreastPhantom, make_phantom
+from mammosim.pipeline.run_config import RunConfig, ViewSettings
+from mammosim.pipeline.save import RunFolder
+from mammosim.projection import PathLengths, project
+from mammosim.targets import Target, find_targets
+
+Tell = Callable[[str, str, np.void | None], None]
+"""Told of progress: view folder or '', stage, and a row of the solver's history or None."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewResult:
+    """One view as far as it came; what was not reached is None."""
+
+    squeezed: CompressedBreast
+    paths: PathLengths | None = None
+    mammogram: Mammogram | None = None
+    targets: tuple[Target, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A run's results.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+        The uncompressed breast.
+    views : dict of str to ViewResult
+        By laterality and view, as `LCC`.
+    targets : tuple of Target
+        One a target and view, the rows of `lesions.csv`.
+    stage_seconds : dict of str to float
+        Wall time of each stage.
+    """
+
+    breast: BreastPhantom
+    views: dict[str, ViewResult] = field(default_factory=dict)
+    stage_seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """Rows of `lesions.csv`."""
+        return tuple(target for view in self.views.values() for target in view.targets)
+
+
+def simulate(config: RunConfig, output: RunFolder | None = None, tell: Tell | None = None) -> Study:
+    """Make the mammograms that a configuration asks for.
+
+    Parameters
+    ----------
+    config : RunConfig
+        From `load_config`.
+    output : RunFolder, optional
+        Where to write each view as soon as it is there, and the tables and the report at the end.
+    tell : callable, optional
+        Told of progress.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    InputError
+        If something does not fit, as a lesion outside the breast.
+    NotConverged, Interrupted
+        After everything that was reached has been written; they carry the study.
+    """
+    tell = tell or (lambda view, stage, row: None)
+    seconds: dict[str, float] = {}
+    with _timed(seconds, "", "phantom", tell):
+        breast = make_phantom(config.phantom, config.laterality, config.seed)
+    study = Study(breast, stage_seconds=seconds)
+    unfinished: list[NotConverged] = []
+    try:
+        for wanted in config.views:
+            _make_view(study, config, wanted, output, tell, unfinished)
+    except Interrupted as stop:
+        _finish(study, config, output, "interrupted", tell)
+        raise Interrupted(str(stop), study) from None
+    _finish(study, config, output, "not converged" if unfinished else "done", tell)
+    if unfinished:
+        raise NotConverged("\n".join(str(error) for error in unfinished), study)
+    return study
+
+
+def _make_view(
+    study: Study,
+    config: RunConfig,
+    wanted: ViewSettings,
+    output: RunFolder | None,
+    tell: Tell,
+    unfinished: list[NotConverged],
+) -> None:
+    """Compress, project, expose and write one view."""
+    breast, seconds = study.breast, study.stage_seconds
+    compression = config.section_for(wanted, "compression")
+    view = View(wanted.view, breast.laterality, compression.mlo_angle_deg)
+    name = view.folder
+    try:
+        with _timed(seconds, name, "compression", tell):
+            squeezed = compress(
+                breast, view, seed=config.seed,
+                watch=lambda row: tell(name, "compression", row), **_given(compression),
+            )  # fmt: skip
+    except NotConverged as error:
+        unfinished.append(error)
+        squeezed = error.reached
+    except Interrupted as stop:
+        study.views[name] = ViewResult(stop.reached)
+        if output is not None:
+            output.write_compression(stop.reached)
+        raise
+    with _timed(seconds, name, "projection", tell):
+        paths = project(squeezed, **_given(config.section_for(wanted, "projection")))
+    with _timed(seconds, name, "acquisition", tell):
+        acquisition = _given(config.section_for(wanted, "acquisition"))
+        mammogram = expose(paths, seed=_seed_of(config.seed, name), **acquisition)
+    with _timed(seconds, name, "targets", tell):
+        targets = tuple(find_targets(squeezed, paths))
+    study.views[name] = ViewResult(squeezed, paths, mammogram, targets)
+    if output is not None:
+        with _timed(seconds, name, "export", tell):
+            output.write_compression(squeezed)
+            output.write_images(paths, mammogram, targets)
+
+
+def _finish(
+    study: Study, config: RunConfig, output: RunFolder | None, status: Any, tell: Tell
+) -> None:
+    if output is None:
+        return
+    with _timed(study.stage_seconds, "", "report", tell):
+        views = [(view.squeezed, view.mammogram) for view in study.views.values()]
+        output.write_summary(
+            views, study.targets, study.breast.notes, study.stage_seconds, status, config.report
+        )
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], view: str, stage: str, tell: Tell) -> Iterator[None]:
+    tell(view, stage, None)
+    start = time.perf_counter()
+    yield
+    seconds[f"{view}.{stage}" if view else stage] = time.perf_counter() - start
+
+
+def _given(settings: Any) -> dict[str, Any]:
+    """What a user set of a section; the rest is the stage's own default."""
+    given: dict[str, Any] = settings.model_dump(mode="json", exclude_unset=True)
+    return given
+
+
+def _seed_of(seed: int, view: str) -> int:
+    """Seed of a view's noise: another for each view, whatever order they are made in."""
+    digest = hashlib.sha256(f"{seed}/{view}".encode()).digest()
+    return int.from_bytes(digest[:8], "little")

@@ -1,0 +1,205 @@
+"""The configuration of a run: its sections, in the order of the stages."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from mammosim.acquisition import AcquisitionSettings
+from mammosim.compression import CompressionSettings
+from mammosim.config import Settings, parse_value, read_yaml, to_settings
+from mammosim.errors import InputError
+from mammosim.export import ExportSettings
+from mammosim.phantom import PhantomSettings
+from mammosim.projection import ProjectionSettings
+from mammosim.report import ReportSettings
+from mammosim.targets import TargetsSettings
+
+VIEW_SECTIONS: dict[str, type[Settings]] = {
+    "compression": CompressionSettings,
+    "projection": ProjectionSettings,
+    "acquisition": AcquisitionSettings,
+}
+"""Sections of which a view may have its own values."""
+
+PLATE_KEYS = {"thickness_mm", "force_n", "support_z_mm", "paddle_z_mm"}
+"""Ways to say how far a breast is compressed; a view's own replaces the section's."""
+
+PATH_KEYS = (
+    ("phantom", "file"),
+    ("phantom", "labels"),
+    ("acquisition", "spectrum_file"),
+    ("acquisition", "composition"),
+)
+"""Keys whose value is, or may be, a path relative to the configuration's file."""
+
+
+class ViewSettings(Settings):
+    """One view, with its own values for keys of some sections."""
+
+    view: Literal["CC", "MLO", "ML"]
+    """Name of the view."""
+
+    compression: dict[str, Any] = Field(default_factory=dict)
+    """Keys of `compression` for this view alone; they may also stand beside `view`."""
+
+    projection: dict[str, Any] = Field(default_factory=dict)
+    """Keys of `projection` for this view alone; they may also stand beside `view`."""
+
+    acquisition: dict[str, Any] = Field(default_factory=dict)
+    """Keys of `acquisition` for this view alone; they may also stand beside `view`."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _sorted_into_sections(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            return {"view": value}
+        if not isinstance(value, dict):
+            return value
+        entry = dict(value)
+        for section, kind in VIEW_SECTIONS.items():
+            own = {key: entry.pop(key) for key in list(entry) if key in kind.model_fields}
+            given = entry.get(section, {})
+            if own and isinstance(given, dict):
+                entry[section] = {**given, **own}
+        return entry
+
+
+class RunConfig(Settings):
+    """Everything that decides a run."""
+
+    phantom: PhantomSettings
+    """The uncompressed breast: a file, or settings of the generator."""
+
+    compression: CompressionSettings = CompressionSettings()
+    """Compression between paddle and support."""
+
+    projection: ProjectionSettings = ProjectionSettings()
+    """Geometry of the X-ray projection."""
+
+    acquisition: AcquisitionSettings = AcquisitionSettings()
+    """Spectrum, detector, exposure and presentation."""
+
+    targets: TargetsSettings = TargetsSettings()
+    """What is reported of lesions and landmarks."""
+
+    export: ExportSettings = ExportSettings()
+    """Which files are written."""
+
+    report: ReportSettings = ReportSettings()
+    """The HTML page."""
+
+    seed: int = Field(1, ge=0)
+    """Seed of everything random: the generated breast, lesions, visiting order, noise."""
+
+    views: tuple[ViewSettings, ...] = Field(
+        (ViewSettings(view="CC"), ViewSettings(view="MLO")),
+        min_length=1,
+        json_schema_extra={
+            "items": {"anyOf": [{"enum": ["CC", "MLO", "ML"]}, {"$ref": "#/$defs/ViewSettings"}]}
+        },
+    )
+    """Views to make: names, or mappings with the view's own values."""
+
+    laterality: Literal["L", "R"] | None = None
+    """Which breast it is; left out: what the phantom shows, else L. It never mirrors."""
+
+    @field_validator("views")
+    @classmethod
+    def _each_view_once(cls, views: tuple[ViewSettings, ...]) -> tuple[ViewSettings, ...]:
+        names = [view.view for view in views]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"{', '.join(twice)} is listed twice; each view may be listed once")
+        return views
+
+    @model_validator(mode="after")
+    def _views_fit_their_sections(self) -> Self:
+        problems: list[str] = []
+        for number, view in enumerate(self.views):
+            for section in VIEW_SECTIONS:
+                try:
+                    self.section_for(view, section)
+                except InputError as error:
+                    problems.extend(
+                        line.removeprefix(": ").replace(section, f"views.{number}.{section}", 1)
+                        for line in error.problems
+                    )
+        if problems:
+            raise InputError(problems)
+        return self
+
+    def section_for(self, view: ViewSettings, section: str) -> Any:
+        """Settings of a section as they hold for one view."""
+        base = getattr(self, section).model_dump(mode="json", exclude_unset=True)
+        own = getattr(view, section)
+        if section == "compression" and PLATE_KEYS & own.keys():
+            base = {key: value for key, value in base.items() if key not in PLATE_KEYS}
+        return to_settings(VIEW_SECTIONS[section], {**base, **own}, "", (section,))
+
+    def plain(self) -> dict[str, Any]:
+        """All values as YAML holds them, defaults filled in."""
+        return self.model_dump(mode="json")
+
+
+def load_config(path: str | os.PathLike[str], changes: Sequence[str] = ()) -> RunConfig:
+    """Read and check a configuration.
+
+    Parameters
+    ----------
+    path : path
+        A YAML file; paths in it are relative to it.
+    changes : sequence of str
+        ``section.key=value`` each, in place of what the file says; paths in them are relative to
+        the current folder.
+
+    Returns
+    -------
+    RunConfig
+
+    Raises
+    ------
+    InputError
+        With one line a mistake: file, key path, value found, what is allowed.
+    """
+    values = read_yaml(path)
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: expected a mapping with the section 'phantom'")
+    _make_paths_absolute(values, Path(path).resolve().parent)
+    for change in changes:
+        _apply(values, change)
+    _make_paths_absolute(values, Path.cwd())
+    try:
+        return to_settings(RunConfig, values, str(path))
+    except InputError as error:
+        raise InputError(
+            line if line.startswith(str(path)) else f"{path}: {line}" for line in error.problems
+        ) from None
+
+
+def _make_paths_absolute(values: dict[str, Any], folder: Path) -> None:
+    for section, key in PATH_KEYS:
+        block = values.get(section)
+        value = block.get(key) if isinstance(block, dict) else None
+        if block and isinstance(value, str) and (key.endswith("file") or Path(value).suffix):
+            block[key] = str(folder / Path(value).expanduser())
+
+
+def _apply(values: dict[str, Any], change: str) -> None:
+    name, equals, text = change.partition("=")
+    keys = name.strip().split(".")
+    if not equals or not all(keys):
+        raise InputError(f"--set: found '{change}', expected section.key=value")
+    block = values
+    for key in keys[:-1]:
+        below = block.get(key)
+        if below is None:
+            below = block[key] = {}
+        if not isinstance(below, dict):
+            raise InputError(f"--set: '{name}': {key} is not a section")
+        block = below
+    block[keys[-1]] = parse_value(text, f"--set {name}")

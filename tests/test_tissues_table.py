@@ -1,0 +1,74 @@
+"""The tissue table and label maps."""
+
+from __future__ import annotations
+
+import pytest
+
+from mammosim.errors import InputError
+from mammosim.tissues import (
+    LABEL_MAPS,
+    LESION_LABELS,
+    STIFFNESS_SETS,
+    TISSUES,
+    load_label_map,
+    stiffness_kpa,
+)
+
+
+def test_labels_are_unique_and_lesion_labels_free():
+    labels = [tissue.label for tissue in TISSUES.values()]
+    assert len(set(labels)) == len(labels)
+    assert not set(LESION_LABELS) & set(labels)
+
+
+@pytest.mark.parametrize("name", STIFFNESS_SETS)
+@pytest.mark.parametrize("tissue", [name for name in TISSUES if name != "air"])
+def test_every_tissue_has_a_stiffness_in_every_set(tissue, name):
+    assert 1.0 < stiffness_kpa(tissue, name) < 100.0
+
+
+@pytest.mark.parametrize(
+    ("tissue", "thesis", "victre"),
+    [("adipose", 4.5, 5.0), ("gland", 15.0, 15.0), ("skin", 16.0, 5.0), ("mass", 45.0, 20.0),
+     ("duct", 15.0, 15.0), ("calcification", 45.0, 20.0)],
+)  # fmt: skip
+def test_stiffness_of_the_sets(tissue, thesis, victre):
+    assert stiffness_kpa(tissue, "thesis") == thesis
+    assert stiffness_kpa(tissue, "victre") == victre
+
+
+def test_unknown_set():
+    with pytest.raises(InputError, match=r"compression\.stiffness: found 'x', expected one of"):
+        stiffness_kpa("gland", "x")
+
+
+def test_label_maps_name_tissues_of_the_table():
+    for mapping in LABEL_MAPS.values():
+        assert set(mapping.values()) <= set(TISSUES)
+
+
+def test_a_label_map_from_a_file(tmp_path):
+    path = tmp_path / "map.yaml"
+    path.write_text("0: air\n7: gland\n")
+    assert dict(load_label_map(str(path))) == {0: "air", 7: "gland"}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("0: air\n7: liver\n", r"label 7: found 'liver', expected one of air"),
+        ("zero: air\n", r"label 'zero': expected a whole number"),
+        ("true: air\n", r"label True: expected a whole number"),
+        ("- 1\n", "expected lines of 'label: tissue'"),
+    ],
+)
+def test_bad_label_maps(text, message, tmp_path):
+    path = tmp_path / "map.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_label_map(str(path))
+
+
+def test_unknown_label_map():
+    with pytest.raises(InputError, match=r"phantom\.labels: found 'vitcre', expected one of"):
+        load_label_map("vitcre")
