@@ -1,0 +1,61 @@
+"""Connected bodies of tissue: the breast, and specks that are apart from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.phantom import _kernels
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """The main body of tissue and what lies apart from it.
+
+    Parameters
+    ----------
+    specks : int
+        Number of bodies besides the largest.
+    speck_voxels : int
+        Voxels in them.
+    tip_index : ndarray, (3,)
+        Fractional index of the centre of the main body's most anterior voxels.
+    """
+
+    specks: int
+    speck_voxels: int
+    tip_index: NDArray[np.float64]
+
+
+def find_bodies(labels: NDArray[np.uint8]) -> Bodies:
+    """Tell the main body of tissue from specks.
+
+    Works on runs of voxels, a few per column, so that 1e8 voxels need megabytes.
+
+    Parameters
+    ----------
+    labels : ndarray of uint8, [x, y, z]
+        0 is air; some tissue must be there. Voxels belong together if they share a face.
+    """
+    nx, ny, _ = labels.shape
+    count = _kernels.count_runs(labels)
+    span, first = np.empty((count, 2), np.int32), np.empty(nx * ny + 1, np.int64)
+    _kernels.find_runs(labels, span, first)
+    body = np.empty(count, np.int64)
+    _kernels.join_runs(span, first, nx, ny, body)
+    voxels = np.bincount(body, weights=span[:, 1] - span[:, 0] + 1.0, minlength=count)
+    main = int(voxels.argmax())
+    runs = np.flatnonzero(body == main)
+    column = np.searchsorted(first, runs, side="right") - 1
+    front = column // ny == column.max() // ny
+    lengths = span[runs[front], 1] - span[runs[front], 0] + 1.0
+    middles = span[runs[front]].mean(axis=1)
+    tip = [
+        float(column.max() // ny),
+        float(np.average(column[front] % ny, weights=lengths)),
+        float(np.average(middles, weights=lengths)),
+    ]
+    specks = int((voxels > 0).sum()) - 1
+    return Bodies(specks, int(voxels.sum() - voxels[main]), np.array(tip))

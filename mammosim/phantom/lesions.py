@@ -1,0 +1,232 @@
+"""Lesions put into a breast before it is compressed."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.errors import InputError
+from mammosim.phantom.breast import BreastPhantom, Lesion
+from mammosim.phantom.lesion_shapes import Ball, clip_ball, cluster_balls, inside_mass
+from mammosim.phantom.place import box_text, draw_place, tissue_at
+from mammosim.phantom.settings import LesionSettings
+from mammosim.tissues import LESION_LABELS
+
+Taken = list[tuple[NDArray[np.float64], float]]
+
+
+def insert_lesions(
+    breast: BreastPhantom, lesions: Sequence[LesionSettings], rng: np.random.Generator
+) -> BreastPhantom:
+    """Put lesions into a breast.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+        Left as it is; its labels are copied once.
+    lesions : sequence of LesionSettings
+    rng : Generator
+        Draws places that are not given, outlines, and calcifications.
+
+    Returns
+    -------
+    BreastPhantom
+        With one more lesion, with a label of its own, for each setting.
+
+    Raises
+    ------
+    InputError
+        Every lesion that lies outside the breast, overlaps another or does not fit, and names
+        used twice.
+    """
+    if not lesions:
+        return breast
+    free = [label for label in LESION_LABELS if label not in {le.label for le in breast.lesions}]
+    problems = _name_problems(breast, lesions)
+    if len(lesions) > len(free):
+        problems.append(
+            f"phantom.lesions: found {len(lesions)}, at most {len(free)} can be told apart"
+        )
+    if problems:
+        raise InputError(problems)
+    taken = [(le.position_mm, _radius_of(le)) for le in breast.lesions]
+    centres = _centres(breast, lesions, taken, rng)
+    labels, made = breast.labels.copy(), list(breast.lesions)
+    own = rng.spawn(len(lesions))
+    for entry, centre, label, lesion_rng in zip(lesions, centres, free, own, strict=False):
+        made.append(_paint(breast, labels, entry, centre, label, lesion_rng))
+    tissue_of_label = dict(breast.tissue_of_label)
+    tissue_of_label.update({lesion.label: lesion.tissue for lesion in made})
+    return dataclasses.replace(
+        breast, labels=labels, lesions=tuple(made), tissue_of_label=tissue_of_label
+    )
+
+
+def _name_problems(breast: BreastPhantom, lesions: Sequence[LesionSettings]) -> list[str]:
+    names = [there.name for there in breast.lesions] + [entry.name for entry in lesions]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    return [f"phantom.lesions: the name '{name}' is used more than once" for name in twice]
+
+
+def _radius_of(lesion: Lesion) -> float:
+    """Radius of a ball of the lesion's volume, mm."""
+    return float((0.75 * lesion.volume_mm3 / np.pi) ** (1.0 / 3.0))
+
+
+def _centres(
+    breast: BreastPhantom,
+    lesions: Sequence[LesionSettings],
+    taken: Taken,
+    rng: np.random.Generator,
+) -> list[NDArray[np.float64]]:
+    """Centre of each lesion: given ones are checked first, so that drawn ones keep clear."""
+    problems: list[str] = []
+    names = [lesion.name for lesion in breast.lesions]
+    centres: dict[int, NDArray[np.float64]] = {}
+    for number, entry in enumerate(lesions):
+        if entry.position_mm is None:
+            continue
+        centre, radius = np.array(entry.position_mm), 0.5 * entry.size_mm
+        problems += _outside(breast, entry, centre, number)
+        for other, (there, extent) in zip(names, taken, strict=True):
+            if float(np.linalg.norm(there - centre)) < radius + extent:
+                problems.append(
+                    f"phantom.lesions.{number}: '{entry.name}' ({entry.size_mm:g} mm at "
+                    f"{list(entry.position_mm)} mm) overlaps '{other}'"
+                )
+        centres[number] = centre
+        names.append(entry.name)
+        taken.append((centre, radius))
+    if problems:
+        raise InputError(problems)
+    for number, entry in enumerate(lesions):
+        if number not in centres:
+            radius = 0.5 * entry.size_mm
+            centres[number] = draw_place(breast, radius, taken, rng, entry.name)
+            taken.append((centres[number], radius))
+    return [centres[number] for number in range(len(lesions))]
+
+
+def _outside(
+    breast: BreastPhantom, entry: LesionSettings, centre: NDArray[np.float64], number: int
+) -> list[str]:
+    """What is wrong with a given position."""
+    start = f"phantom.lesions.{number}: '{entry.name}' at {centre.tolist()} mm"
+    if tissue_at(breast, centre) in (None, "air"):
+        return [f"{start} lies outside the breast; {box_text(breast)}"]
+    corner, window = _window(breast, centre, 0.5 * entry.size_mm)
+    inside = _distance(breast, corner, window.shape, centre) <= 0.5 * entry.size_mm
+    low = breast.frame.index(centre) * breast.voxel_mm + 0.5 * breast.voxel_mm
+    room = np.minimum(low, np.array(breast.labels.shape) * breast.voxel_mm - low).min()
+    if (window[inside] == 0).any() or room < 0.5 * entry.size_mm:
+        return [
+            f"{start} reaches out of the breast with its {entry.size_mm:g} mm; move it inwards or "
+            f"make it smaller; {box_text(breast)}"
+        ]
+    return []
+
+
+def _window(
+    breast: BreastPhantom, centre: NDArray[np.float64], radius_mm: float,
+    labels: NDArray[np.uint8] | None = None,
+) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:  # fmt: skip
+    """Voxels around a ball and a voxel more, as a view, and the index of its first one."""
+    at, reach = breast.frame.index(centre), radius_mm / breast.voxel_mm + 1.0
+    low = np.clip(np.floor(at - reach), 0, breast.labels.shape).astype(int)
+    high = np.clip(np.ceil(at + reach) + 1, 0, breast.labels.shape).astype(int)
+    source = breast.labels if labels is None else labels
+    return low, source[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+
+
+def _offsets(
+    breast: BreastPhantom, corner: NDArray[np.int64], shape: tuple[int, ...],
+    centre: NDArray[np.float64],
+) -> NDArray[np.float64]:  # fmt: skip
+    """(nx, ny, nz, 3) positions of a window's voxels from a centre, mm."""
+    index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1) + corner
+    return breast.frame.position_mm(index) - centre
+
+
+def _distance(
+    breast: BreastPhantom, corner: NDArray[np.int64], shape: tuple[int, ...],
+    centre: NDArray[np.float64],
+) -> NDArray[np.float64]:  # fmt: skip
+    distance: NDArray[np.float64] = np.linalg.norm(_offsets(breast, corner, shape, centre), axis=-1)
+    return distance
+
+
+def _paint(
+    breast: BreastPhantom,
+    labels: NDArray[np.uint8],
+    entry: LesionSettings,
+    centre: NDArray[np.float64],
+    label: int,
+    rng: np.random.Generator,
+) -> Lesion:
+    """Label a lesion's voxels, in place, and describe it."""
+    radius = 0.5 * entry.size_mm
+    if entry.kind == "mass":
+        corner, window = _window(breast, centre, radius, labels)
+        offsets = _offsets(breast, corner, window.shape, centre)
+        mask = inside_mass(offsets, radius, entry.margin, rng)
+        if not mask.any():
+            mask = _nearest(offsets)
+        window[mask] = label
+        true_mm3 = None
+    else:
+        balls = [clip_ball(entry.size_mm, rng)]
+        if entry.kind == "calcification":
+            balls = cluster_balls(radius, entry.count, entry.calcification_mm, rng)
+        for ball in balls:
+            _paint_ball(breast, labels, ball, centre, label)
+        true_mm3 = sum(ball.volume_mm3 for ball in balls)
+    return _described(breast, labels, entry, centre, label, true_mm3)
+
+
+def _paint_ball(
+    breast: BreastPhantom,
+    labels: NDArray[np.uint8],
+    ball: Ball,
+    centre: NDArray[np.float64],
+    label: int,
+) -> None:
+    """Label the voxels whose centre lies in a ball or rod, or else the nearest one."""
+    at = centre + ball.offset_mm
+    corner, window = _window(breast, at, ball.radius_mm + ball.half_length_mm, labels)
+    offsets = _offsets(breast, corner, window.shape, at)
+    # A rod thinner than three quarters of a voxel would break up into pieces.
+    thinnest = 0.75 * float(breast.voxel_mm.max()) if ball.half_length_mm > 0 else 0.0
+    mask = ball.contains(offsets, thinnest)
+    if not mask.any():
+        mask = _nearest(offsets)
+    window[mask & (window != 0)] = label
+
+
+def _nearest(offsets: NDArray[np.float64]) -> NDArray[np.bool_]:
+    squared = (offsets**2).sum(axis=-1)
+    mask = np.zeros(squared.shape, bool)
+    mask[np.unravel_index(squared.argmin(), squared.shape)] = True
+    return mask
+
+
+def _described(
+    breast: BreastPhantom,
+    labels: NDArray[np.uint8],
+    entry: LesionSettings,
+    centre: NDArray[np.float64],
+    label: int,
+    true_mm3: float | None,
+) -> Lesion:
+    """The lesion's record, from the voxels it got."""
+    corner, window = _window(breast, centre, 0.5 * entry.size_mm + 2.0, labels)
+    index = np.argwhere(window == label)
+    painted_mm3 = len(index) * float(np.prod(breast.voxel_mm))
+    position = breast.frame.position_mm(corner + index.mean(axis=0))
+    volume = painted_mm3 if true_mm3 is None else true_mm3
+    fill = 1.0 if true_mm3 is None else min(1.0, true_mm3 / painted_mm3)
+    return Lesion(
+        entry.name, entry.kind, label, entry.kind, position, min(volume, painted_mm3), fill
+    )

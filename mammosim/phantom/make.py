@@ -1,0 +1,73 @@
+"""The `phantom` section's work: read or generate, then put in lesions and landmarks."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mammosim.errors import InputError
+from mammosim.phantom.anatomy import generate_phantom
+from mammosim.phantom.breast import BreastPhantom, Landmark
+from mammosim.phantom.lesions import insert_lesions
+from mammosim.phantom.place import box_text, tissue_at
+from mammosim.phantom.read import read_phantom
+from mammosim.phantom.settings import LandmarkSettings, PhantomSettings
+from mammosim.tissues import LABEL_MAPS
+
+_LESION_STREAM = 0x1E510
+
+
+def make_phantom(
+    settings: PhantomSettings,
+    laterality: str | None = None,
+    seed: int = 1,
+    folder: str | os.PathLike[str] = ".",
+) -> BreastPhantom:
+    """Read or generate the breast, and put in lesions and landmarks.
+
+    Parameters
+    ----------
+    settings : PhantomSettings
+    laterality : {"L", "R"}, optional
+        Which breast it is; left out: what the phantom shows, else L.
+    seed : int
+        Seed of the generator and of lesions without a position.
+    folder : path
+        Folder that paths in the settings are relative to.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used, or a lesion or landmark does not fit.
+    """
+    if settings.generate is not None:
+        given = settings.generate.model_dump(exclude_unset=True)
+        breast = generate_phantom(seed=seed, laterality=laterality or "L", **given)
+    else:
+        labels = settings.labels
+        if labels is not None and labels not in LABEL_MAPS:
+            labels = str(Path(folder) / labels)
+        breast = read_phantom(Path(folder) / str(settings.file), labels, laterality)
+    landmarks = _landmarks(breast, settings.landmarks)
+    rng = np.random.default_rng([seed, _LESION_STREAM])
+    breast = insert_lesions(breast, settings.lesions, rng)
+    return dataclasses.replace(breast, landmarks=breast.landmarks + landmarks)
+
+
+def _landmarks(breast: BreastPhantom, wanted: Sequence[LandmarkSettings]) -> tuple[Landmark, ...]:
+    problems = []
+    for number, entry in enumerate(wanted):
+        tissue = tissue_at(breast, entry.position_mm)
+        if tissue in (None, "air"):
+            where = "outside the voxels" if tissue is None else "in air"
+            problems.append(
+                f"phantom.landmarks.{number}: '{entry.name}' at {list(entry.position_mm)} mm lies "
+                f"{where}; {box_text(breast)}"
+            )
+    if problems:
+        raise InputError(problems)
+    return tuple(Landmark(entry.name, np.array(entry.position_mm)) for entry in wanted)

@@ -1,0 +1,82 @@
+"""Which breast it is, and where its nipple is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.geometry import VoxelFrame
+from mammosim.tissues import TISSUES
+
+NIPPLE_TIP_MM = 1.0
+"""Nipple voxels within this of the most anterior one count as its tip: about one voxel."""
+
+MIN_WEDGE_MM = 0.5
+"""Least rise of the muscle's depth across the breast that tells a side: finer than this is the
+staircase of voxels."""
+
+
+def nipple_position(
+    labels: NDArray[np.uint8], frame: VoxelFrame, tip_index: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], bool]:
+    """Tip of the nipple, or most anterior tissue where none is labelled.
+
+    Parameters
+    ----------
+    labels : ndarray of uint8, [x, y, z]
+    frame : VoxelFrame
+    tip_index : ndarray, (3,)
+        Index of the most anterior tissue of the main body.
+
+    Returns
+    -------
+    position_mm : ndarray, (3,)
+        Breast frame, mm.
+    labelled : bool
+        Whether a nipple is labelled.
+    """
+    nipple = TISSUES["nipple"].label
+    for layer in range(labels.shape[0] - 1, -1, -1):
+        if (labels[layer] == nipple).any():
+            depth = max(1, round(NIPPLE_TIP_MM / float(frame.spacing_mm[0])))
+            start = max(0, layer + 1 - depth)
+            centre = np.argwhere(labels[start : layer + 1] == nipple)[:, 1:].mean(axis=0)
+            return frame.position_mm([layer, *centre]), True
+    return frame.position_mm(tip_index), False
+
+
+def side_of_muscle(
+    labels: NDArray[np.uint8], frame: VoxelFrame, nipple_mm: NDArray[np.float64]
+) -> str | None:
+    """Side from the muscle wedge: below the nipple it is thicker medially, as the chest curves.
+
+    The depth of muscle in each column along x, averaged over the height, is fitted by a line in
+    y. Medial is -y for a left breast and +y for a right one.
+
+    Parameters
+    ----------
+    labels : ndarray of uint8, [x, y, z]
+    frame : VoxelFrame
+    nipple_mm : ndarray, (3,)
+
+    Returns
+    -------
+    {"L", "R"} or None
+        None where there is too little muscle, or no slope, to tell.
+    """
+    below = int(np.clip(np.ceil(frame.index(nipple_mm)[2]), 0, labels.shape[2]))
+    depth = np.zeros((labels.shape[1], below), np.int32)
+    for layer in labels[:, :, :below]:
+        muscle = layer == TISSUES["muscle"].label
+        if not muscle.any():
+            continue
+        depth += muscle
+    y_index, _ = np.nonzero(depth)
+    thickness = depth[depth > 0] * frame.spacing_mm[0]
+    y = y_index * frame.spacing_mm[1]
+    if y.size == 0 or np.ptp(y) == 0:
+        return None
+    slope = float(np.polyfit(y - y.mean(), thickness, 1)[0])
+    if abs(slope) * np.ptp(y) < MIN_WEDGE_MM:
+        return None
+    return "R" if slope > 0 else "L"

@@ -1,0 +1,107 @@
+"""Where things are in a breast: tissue at a point, the box of all tissue, free places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from mammosim.errors import InputError
+from mammosim.phantom.breast import BreastPhantom
+from mammosim.tissues import TISSUES
+
+COARSE_MM = 2.0
+"""Grid on which free places are sought, mm: small against the lesions' distances."""
+
+PREFERRED = ("gland", "tdlu", "duct")
+"""Tissues in which lesions arise: the epithelium of the terminal units (Wellings, Jensen & Marcum
+1975, J Natl Cancer Inst 55:231-273)."""
+
+AVOIDED = ("air", "skin", "nipple", "muscle")
+"""Tissues a drawn place keeps away from."""
+
+
+def tissue_at(breast: BreastPhantom, position_mm: ArrayLike) -> str | None:
+    """Tissue of the voxel that holds a point, or None outside the array."""
+    index = np.rint(breast.frame.index(position_mm)).astype(int)
+    if (index < 0).any() or (index >= breast.labels.shape).any():
+        return None
+    return breast.tissue_of_label[int(breast.labels[tuple(index)])]
+
+
+def tissue_box_mm(breast: BreastPhantom) -> NDArray[np.float64]:
+    """(2, 3) outer faces of the box around all tissue, mm."""
+    low, high = np.full(3, np.iinfo(np.int64).max), np.full(3, -1)
+    for layer, plane in enumerate(breast.labels):
+        tissue = plane != 0
+        rows = np.flatnonzero(tissue.any(axis=1))
+        if rows.size:
+            columns = np.flatnonzero(tissue.any(axis=0))
+            low = np.minimum(low, [layer, rows[0], columns[0]])
+            high = np.maximum(high, [layer, rows[-1], columns[-1]])
+    half = 0.5 * breast.voxel_mm
+    return np.stack([breast.frame.position_mm(low) - half, breast.frame.position_mm(high) + half])
+
+
+def box_text(breast: BreastPhantom) -> str:
+    """Where the breast is, in words."""
+    low, high = tissue_box_mm(breast)
+    sides = [f"{axis} {low[n]:.0f} to {high[n]:.0f}" for n, axis in enumerate("xyz")]
+    return f"the breast spans {', '.join(sides)} mm"
+
+
+def draw_place(
+    breast: BreastPhantom,
+    radius_mm: float,
+    taken: Sequence[tuple[NDArray[np.float64], float]],
+    rng: np.random.Generator,
+    name: str,
+) -> NDArray[np.float64]:
+    """A random centre in gland whose ball stays clear of skin, nipple, muscle and other lesions.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    radius_mm : float
+        Radius of the ball, mm.
+    taken : sequence of (centre, radius)
+        Balls already there, mm.
+    rng : Generator
+    name : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        If there is no such place.
+    """
+    stride = np.maximum(1, np.rint(COARSE_MM / breast.voxel_mm)).astype(int)
+    coarse = breast.labels[tuple(slice(None, None, step) for step in stride)]
+    spacing = breast.voxel_mm * stride
+    avoided = np.isin(coarse, [TISSUES[tissue].label for tissue in AVOIDED])
+    # Beyond the array lies air, except behind the chest wall where lesions must not go either.
+    room = ndimage.distance_transform_edt(
+        ~np.pad(avoided, 1, constant_values=True), sampling=spacing
+    )
+    room = room[1:-1, 1:-1, 1:-1]
+    # Half a coarse voxel's diagonal: what the grid may have missed.
+    free = room > radius_mm + 0.5 * float(np.linalg.norm(spacing))
+    index = np.argwhere(free)
+    centres = breast.origin_mm + index * spacing
+    apart = np.ones(len(index), bool)
+    for centre, radius in taken:
+        apart &= np.linalg.norm(centres - centre, axis=1) > radius + radius_mm + 1.0
+    preferred = apart & np.isin(
+        coarse[tuple(index.T)], [TISSUES[tissue].label for tissue in PREFERRED]
+    )
+    choices = centres[preferred if preferred.any() else apart]
+    if len(choices) == 0:
+        raise InputError(
+            f"lesion '{name}': no place has room for its {2 * radius_mm:.1f} mm; the roomiest "
+            f"holds {2 * float(room.max()):.1f} mm before other lesions; give a smaller "
+            "diameter_mm or a position_mm"
+        )
+    chosen: NDArray[np.float64] = choices[rng.integers(len(choices))]
+    return chosen

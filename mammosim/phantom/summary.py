@@ -1,0 +1,88 @@
+"""What a phantom is, in numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mammosim.phantom.breast import BreastPhantom, Lesion
+from mammosim.phantom.place import tissue_box_mm
+
+NOT_WITHIN_SKIN = ("air", "skin", "nipple", "muscle", "mass", "calcification", "clip")
+
+
+@dataclass(frozen=True, eq=False)
+class PhantomSummary:
+    """Size, volumes and contents of a phantom.
+
+    Parameters
+    ----------
+    source : str
+    shape : tuple of int
+        Voxels along x, y, z.
+    voxel_mm : tuple of float
+    extent_mm : tuple of (float, float)
+        Outer faces of the box around all tissue along x, y, z, breast frame, mm.
+    laterality : {"L", "R"}
+    volume_ml : dict of str to float
+        Volume of the voxels of each tissue that occurs, mL.
+    breast_ml : float
+        All tissue but muscle, mL.
+    fibroglandular_percent : float or None
+        Share of everything but fat in the volume within the skin, without muscle and lesions, %.
+    nipple_mm : tuple of float
+    lesions : tuple of Lesion
+    notes : tuple of str
+    """
+
+    source: str
+    shape: tuple[int, ...]
+    voxel_mm: tuple[float, ...]
+    extent_mm: tuple[tuple[float, float], ...]
+    laterality: str
+    volume_ml: dict[str, float]
+    breast_ml: float
+    fibroglandular_percent: float | None
+    nipple_mm: tuple[float, ...]
+    lesions: tuple[Lesion, ...]
+    notes: tuple[str, ...]
+
+
+def phantom_summary(breast: BreastPhantom) -> PhantomSummary:
+    """Summarise a phantom.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+
+    Returns
+    -------
+    PhantomSummary
+    """
+    counts = np.zeros(256, np.int64)
+    for layer in breast.labels:
+        counts += np.bincount(layer.ravel(), minlength=256)
+    voxel_ml = float(np.prod(breast.voxel_mm)) / 1000.0
+    volume: dict[str, float] = {}
+    for label in np.flatnonzero(counts):
+        tissue = breast.tissue_of_label[int(label)]
+        if tissue != "air":
+            volume[tissue] = volume.get(tissue, 0.0) + int(counts[label]) * voxel_ml
+    within = {tissue: ml for tissue, ml in volume.items() if tissue not in NOT_WITHIN_SKIN}
+    total = sum(within.values())
+    share = 100.0 * (1.0 - within.get("adipose", 0.0) / total) if total else None
+    box = tissue_box_mm(breast)
+    return PhantomSummary(
+        source=breast.source,
+        shape=breast.labels.shape,
+        voxel_mm=tuple(breast.voxel_mm.tolist()),
+        extent_mm=tuple((float(a), float(b)) for a, b in box.T),
+        laterality=breast.laterality,
+        volume_ml=volume,
+        breast_ml=sum(volume.values()) - volume.get("muscle", 0.0),
+        fibroglandular_percent=share,
+        nipple_mm=tuple(breast.nipple_mm.tolist()),
+        lesions=breast.lesions,
+        notes=breast.notes,
+    )
