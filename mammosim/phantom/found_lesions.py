@@ -67,7 +67,7 @@ def _lesions_of_kind(
     labels: NDArray[np.uint8], frame: VoxelFrame, kind: str
 ) -> list[NDArray[np.int64]]:
     """Voxel indices (n, 3) of each lesion of a kind, largest first."""
-    box = _bounding_box(labels, TISSUES[kind].label)
+    box = bounding_box(labels, TISSUES[kind].label)
     if box is None:
         return []
     corner = np.array([side.start for side in box])
@@ -84,8 +84,8 @@ def _lesions_of_kind(
     return sorted(groups, key=len, reverse=True)
 
 
-def _bounding_box(labels: NDArray[np.uint8], label: int) -> tuple[slice, ...] | None:
-    """Smallest box around a label, layer by layer, so that no mask of the whole is made."""
+def bounding_box(labels: NDArray[np.uint8], label: int) -> tuple[slice, ...] | None:
+    """Smallest box around a label or None, layer by layer, so that no mask of the whole is made."""
     layers, rows, columns = [], [], []
     for layer, plane in enumerate(labels):
         mask = plane == label

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mammosim.errors import InputError
 from mammosim.phantom.breast import BreastPhantom, Lesion
+from mammosim.phantom.found_lesions import bounding_box
 from mammosim.phantom.lesion_shapes import Ball, clip_ball, cluster_balls, inside_mass
 from mammosim.phantom.place import box_text, draw_place, tissue_at
 from mammosim.phantom.settings import LesionSettings
@@ -52,7 +53,7 @@ def insert_lesions(
         )
     if problems:
         raise InputError(problems)
-    taken = [(le.position_mm, _radius_of(le)) for le in breast.lesions]
+    taken = [_ball_around(breast, lesion) for lesion in breast.lesions]
     centres = _centres(breast, lesions, taken, rng)
     labels, made = breast.labels.copy(), list(breast.lesions)
     own = rng.spawn(len(lesions))
@@ -71,9 +72,15 @@ def _name_problems(breast: BreastPhantom, lesions: Sequence[LesionSettings]) -> 
     return [f"phantom.lesions: the name '{name}' is used more than once" for name in twice]
 
 
-def _radius_of(lesion: Lesion) -> float:
-    """Radius of a ball of the lesion's volume, mm."""
-    return float((0.75 * lesion.volume_mm3 / np.pi) ** (1.0 / 3.0))
+def _ball_around(breast: BreastPhantom, lesion: Lesion) -> tuple[NDArray[np.float64], float]:
+    """Centre and radius, mm, of a ball as wide as a lesion that is there already."""
+    box = bounding_box(breast.labels, lesion.label)
+    if box is None:
+        return lesion.position_mm, 0.0
+    low = np.array([side.start for side in box])
+    high = np.array([side.stop for side in box])
+    radius = 0.5 * float(((high - low) * breast.voxel_mm).max())
+    return breast.frame.position_mm(0.5 * (low + high - 1)), radius
 
 
 def _centres(

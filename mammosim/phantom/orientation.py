@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.geometry import VoxelFrame
+from mammosim.phantom.bodies import find_bodies
 from mammosim.tissues import TISSUES
 
 NIPPLE_TIP_MM = 1.0
@@ -17,7 +18,9 @@ staircase of voxels."""
 
 
 def nipple_position(
-    labels: NDArray[np.uint8], frame: VoxelFrame, tip_index: NDArray[np.float64]
+    labels: NDArray[np.uint8],
+    frame: VoxelFrame,
+    tip_index: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], bool]:
     """Tip of the nipple, or most anterior tissue where none is labelled.
 
@@ -25,8 +28,8 @@ def nipple_position(
     ----------
     labels : ndarray of uint8, [x, y, z]
     frame : VoxelFrame
-    tip_index : ndarray, (3,)
-        Index of the most anterior tissue of the main body.
+    tip_index : ndarray, (3,), optional
+        Index of the most anterior tissue of the main body, sought where no nipple is labelled.
 
     Returns
     -------
@@ -42,7 +45,8 @@ def nipple_position(
             start = max(0, layer + 1 - depth)
             centre = np.argwhere(labels[start : layer + 1] == nipple)[:, 1:].mean(axis=0)
             return frame.position_mm([layer, *centre]), True
-    return frame.position_mm(tip_index), False
+    tip = find_bodies(labels).tip_index if tip_index is None else tip_index
+    return frame.position_mm(tip), False
 
 
 def side_of_muscle(

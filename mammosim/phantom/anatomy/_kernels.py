@@ -161,10 +161,10 @@ def _potential(
     dx, dy, dz = texture.apex_mm[0] - x, y - texture.apex_mm[1], z - texture.apex_mm[2]
     r = np.sqrt(dx * dx + dy * dy + dz * dz) + 1.0
     for octave in range(texture.fan_amplitude.size):
-        # Strands run towards the nipple: noise in direction and, three times slower, distance.
+        # Strands run towards the nipple: noise in direction and, five times slower, distance.
         per = texture.fan_per_radian[octave]
         total += texture.fan_amplitude[octave] * gradient_noise(
-            np.log(r) * per / 3.0, dy / r * per, dz / r * per, texture.key + octave
+            np.log(r) * per / 5.0, dy / r * per, dz / r * per, texture.key + octave
         )
     for octave in range(texture.grain_amplitude.size):
         s = 1.0 / texture.grain_mm[octave]
@@ -181,7 +181,7 @@ def _nipple_distance(x: float, y: float, z: float, nipple_mm: NDArray[np.float64
     `nipple_mm` is foot x, height, radius; the cylinder reaches 3 mm into the areola.
     """
     foot, height, radius = nipple_mm[0], nipple_mm[1], nipple_mm[2]
-    rounding = 0.6 * radius
+    rounding = 0.85 * radius
     low, high = foot - 3.0, foot + height
     across = np.sqrt(y * y + z * z) - (radius - rounding)
     along = max(low - x, x - (high - rounding))

@@ -40,10 +40,10 @@ class Parenchyma:
 
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
-        "fatty": Parenchyma(13.0, 48.0, 0.55, 0.42, 0.5),
-        "scattered": Parenchyma(11.0, 56.0, 0.50, 0.40, 0.6),
-        "heterogeneous": Parenchyma(8.5, 66.0, 0.40, 0.36, 0.7),
-        "dense": Parenchyma(6.0, 76.0, 0.30, 0.30, 0.7),
+        "fatty": Parenchyma(13.0, 40.0, 0.40, 0.55, 0.5),
+        "scattered": Parenchyma(11.0, 46.0, 0.38, 0.55, 0.6),
+        "heterogeneous": Parenchyma(8.5, 58.0, 0.33, 0.50, 0.7),
+        "dense": Parenchyma(6.0, 70.0, 0.28, 0.42, 0.7),
     }
 )
 """Chosen by eye on projections, so that each class looks like mammograms of its BI-RADS letter;
@@ -140,6 +140,6 @@ def septum_mm(
     Cooper's ligaments are sheets of some tenths of a millimetre that are complete near the skin,
     where they hang up the gland, and broken elsewhere.
     """
-    gate = smooth_noise(rng, frame, 16.0) - 0.35 + 0.35 * np.exp(-skin_depth_mm.clip(0) / 12.0)
-    thickness: NDArray[np.float64] = np.clip(0.7 * gate, 0.0, 0.75)
+    gate = smooth_noise(rng, frame, 16.0) - 0.9 + 0.6 * np.exp(-skin_depth_mm.clip(0) / 10.0)
+    thickness: NDArray[np.float64] = np.clip(0.7 * gate, 0.0, 0.7)
     return thickness

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mammosim.config import to_settings
 from mammosim.errors import InputError
+from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy import _kernels
 from mammosim.phantom.anatomy.fields import PARENCHYMA, Parenchyma, envelope, septum_mm, warps
 from mammosim.phantom.anatomy.muscle import COVER_MM, draw_muscle, fit_volume, muscle_depth
@@ -22,6 +23,7 @@ from mammosim.phantom.anatomy.shape import (
 )
 from mammosim.phantom.anatomy.tubes import grow_tubes
 from mammosim.phantom.breast import BreastPhantom
+from mammosim.phantom.orientation import nipple_position
 from mammosim.tissues import TISSUES
 
 LOBULE_MM = 11.0
@@ -30,7 +32,7 @@ LOBULE_MM = 11.0
 FAN_SHARE, FAN_PER_RADIAN = (0.75, 0.6, 0.5), (5.0, 11.0, 23.0)
 """Strands: relative amplitude, and waves per radian seen from behind the nipple."""
 
-GRAIN_AMPLITUDE, GRAIN_MM = (0.30, 0.30, 0.30), (6.5, 3.1, 1.4)
+GRAIN_AMPLITUDE, GRAIN_MM = (0.24, 0.24, 0.24), (6.5, 3.1, 1.4)
 """Isotropic detail: equal amplitude an octave is a volume spectrum f^-3, and a parallel
 projection keeps the exponent: mammograms have 2.8 on average (Burgess 1999)."""
 
@@ -112,7 +114,7 @@ def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastP
         threshold=_threshold(labels, lattice, texture, paint, settings.target_percent)
     )
     _kernels.paint_tissue(labels, lattice, texture, paint)
-    return _phantom(labels, lattice, settings, shape, seed, laterality)
+    return _phantom(labels, lattice, settings, seed, laterality)
 
 
 def _lattice(
@@ -194,7 +196,6 @@ def _phantom(
     labels: NDArray[np.uint8],
     lattice: _kernels.Lattice,
     settings: GenerateSettings,
-    shape: Shape,
     seed: int,
     laterality: str,
 ) -> BreastPhantom:
@@ -203,13 +204,18 @@ def _phantom(
         for layer in labels:
             layer[:] = layer[::-1].copy()
         first_y = -lattice.lateral_mm[-1]
-    voxel = settings.voxel_mm
+    nx, ny, nz = labels.shape
+    frame = VoxelFrame(
+        np.array([lattice.x_mm[0], first_y, lattice.superior_mm[0]]),
+        np.full(3, settings.voxel_mm),
+        (nx, ny, nz),
+    )
     return BreastPhantom(
         labels,
-        np.full(3, voxel),
-        np.array([lattice.x_mm[0], first_y, lattice.superior_mm[0]]),
+        frame.spacing_mm,
+        frame.origin_mm,
         laterality,
         {tissue.label: tissue.name for tissue in TISSUES.values()},
-        np.array([shape.depth_mm + settings.nipple_height_mm, 0.0, 0.0]),
+        nipple_position(labels, frame)[0],
         source=f"generated ({settings.density_class}, seed {seed})",
     )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy.shape import GRID_MM, Shape, coarse_frame, level, mesh
 
-FIBRE_DEG = 50.0
+FIBRE_DEG = 54.0
 """Direction in which the wedge thickens, degrees from lateral to superior: the fibres of the
 pectoralis major run between sternum and humerus and its front edge is seen end on in an oblique
 view, whose angle is set along them (45 degrees usually)."""
@@ -50,9 +50,9 @@ class Muscle:
 def draw_muscle(rng: np.random.Generator) -> Muscle:
     """A muscle; its wedge grows with the breast."""
     return Muscle(
-        wedge=rng.uniform(0.44, 0.60),
-        start_mm=rng.uniform(-14.0, 0.0),
-        bulge=rng.uniform(0.72, 0.95),
+        wedge=rng.uniform(0.35, 0.47),
+        start_mm=rng.uniform(-8.0, 6.0),
+        bulge=rng.uniform(0.85, 1.05),
         medial_mm=rng.uniform(4.0, 6.0),
         lateral_mm=rng.uniform(0.5, 1.5),
     )
@@ -65,7 +65,7 @@ def muscle_depth(muscle: Muscle, shape: Shape, frame: VoxelFrame) -> NDArray[np.
     along = lateral * np.cos(angle) + superior * np.sin(angle)
     end = shape.radius_mm * (1.0 + shape.tail)
     rise = np.clip((along - muscle.start_mm) / (end - muscle.start_mm), 0.0, 1.2)
-    above = np.clip((superior + 14.0) / 30.0, 0.0, 1.0)
+    above = np.clip((superior + 10.0) / 40.0, 0.0, 1.0)
     wedge = muscle.wedge * shape.radius_mm * rise**muscle.bulge * above**2 * (3.0 - 2.0 * above)
     share = np.clip(0.5 - 0.5 * lateral / shape.radius_mm, 0.0, 1.0)
     slab = muscle.lateral_mm + (muscle.medial_mm - muscle.lateral_mm) * share

@@ -18,8 +18,9 @@ GRID_MM = 2.0
 """Spacing of the grid on which everything smooth is made, mm; a skin of radius 50 mm lies within
 h^2 / 8r = 0.01 mm of its trilinear interpolation."""
 
-PAD_MM = 12.0
-"""Margin of that grid around the breast, mm: room for the nipple."""
+PAD_MM = 28.0
+"""Margin of that grid around the breast, mm: the highest nipple (12 mm) and three of the largest
+voxels (4 mm), with one point to spare."""
 
 
 @dataclass(frozen=True)
