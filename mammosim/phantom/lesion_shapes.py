@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 CALCIFICATIONS = (5, 30)
-"""Number in a cluster: five make one (ACR BI-RADS Atlas, 5th edition, 2013, "Grouped": at least
-five within 1 cm); beyond some thirty within 1 cm single ones are hardly counted."""
+"""Number in a cluster: five within 1 cm make one (ACR BI-RADS Atlas, 5th edition, 2013,
+"Grouped"); the upper end is a choice."""
 
 CALCIFICATION_MM = (0.1, 0.8)
-"""Diameters: what is seen starts at 0.1 mm, and from 1 mm on calcifications are coarse, not
-microcalcifications (Lanyi, Mammography: Diagnosis and Pathological Analysis, 2003); VICTRE uses
-0.17 to 0.2 mm (Badano et al. 2018, JAMA Netw Open 1(7):e185474)."""
+"""Diameters, a choice within the range of microcalcifications: from 1 mm on they are coarse ones,
+and VICTRE uses 0.17 to 0.2 mm (Badano et al. 2018, JAMA Netw Open 1(7):e185474)."""
 
 CALCIFICATION_MEDIAN_MM, CALCIFICATION_SPREAD = 0.25, 0.5
-"""Median diameter, mm, and spread of its logarithm: most are near the visible limit."""
+"""Median diameter, mm, and spread of its logarithm: a choice by which most are small."""
 
 CLIP_RADIUS_MM = 0.25
 """Radius of the wire a biopsy clip is made of, mm."""

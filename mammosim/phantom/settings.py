@@ -49,8 +49,8 @@ class LesionSettings(Settings):
     def size_mm(self) -> float:
         """Diameter given, or the kind's own, mm.
 
-        10 mm is about the median of masses found by screening; a cluster lies within 1 cm by
-        definition (ACR BI-RADS Atlas, 5th edition, 2013); clips are 2 to 4 mm long.
+        A mass of 10 mm is a choice, the upper end of stage T1b; a cluster lies within 1 cm (ACR
+        BI-RADS Atlas, 5th edition, 2013, "Grouped"); clips are some millimetres long.
         """
         return self.diameter_mm or {"mass": 10.0, "calcification": 10.0, "clip": 3.0}[self.kind]
 

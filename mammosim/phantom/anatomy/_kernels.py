@@ -74,7 +74,7 @@ def _corner(i: int, j: int, k: int, key: int, x: float, y: float, z: float) -> f
     return (
         ((h & 1023) - 511.5) * x + (((h >> 10) & 1023) - 511.5) * y
         + (((h >> 20) & 1023) - 511.5) * z
-    ) * (3.27 / 512.0)  # fmt: skip
+    ) * (5.24 / 512.0)  # fmt: skip
 
 
 @kernel

@@ -29,10 +29,10 @@ from mammosim.tissues import TISSUES
 LOBULE_MM = 11.0
 """Side of the cells that hold one fat lobule each, mm: lobules are 5 to 20 mm across."""
 
-FAN_SHARE, FAN_PER_RADIAN = (0.75, 0.6, 0.5), (5.0, 11.0, 23.0)
+FAN_SHARE, FAN_PER_RADIAN = (0.47, 0.37, 0.31), (5.0, 11.0, 23.0)
 """Strands: relative amplitude, and waves per radian seen from behind the nipple."""
 
-GRAIN_AMPLITUDE, GRAIN_MM = (0.24, 0.24, 0.24), (6.5, 3.1, 1.4)
+GRAIN_AMPLITUDE, GRAIN_MM = (0.15, 0.15, 0.15), (6.5, 3.1, 1.4)
 """Isotropic detail: equal amplitude an octave is a volume spectrum f^-3, and a parallel
 projection keeps the exponent: mammograms have 2.8 on average (Burgess 1999)."""
 

@@ -14,8 +14,8 @@ from mammosim.phantom.anatomy.shape import Shape
 from mammosim.tissues import TISSUES
 
 DUCT_MM = (0.9, 0.25)
-"""Radius of a duct near the nipple and at its end, mm: main ducts are 2.0 mm (SD 0.8) wide
-(Ramsay et al. 2005, J Anat 206:525-534)."""
+"""Radius of a duct near the nipple and at its end, mm: main ducts are about 2 mm wide
+(Ramsay et al. 2005, J Anat 206:525-534); the narrow end is a choice."""
 
 UNIT_MM = (0.5, 1.0)
 """Radius of a terminal ductal lobular unit, mm: units are 1 to 2 mm across."""

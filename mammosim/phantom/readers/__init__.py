@@ -8,6 +8,7 @@ from pathlib import Path
 from mammosim.errors import InputError
 from mammosim.phantom.readers.itk import read_itk
 from mammosim.phantom.readers.metaimage import read_metaimage
+from mammosim.phantom.readers.nifti import read_nifti
 from mammosim.phantom.readers.numpy_files import read_npy, read_npz
 from mammosim.phantom.readers.volume import Volume
 
@@ -16,8 +17,8 @@ READERS: dict[str, Callable[[Path], Volume]] = {
     ".mha": read_itk,
     ".nrrd": read_itk,
     ".nhdr": read_itk,
-    ".nii": read_itk,
-    ".nii.gz": read_itk,
+    ".nii": read_nifti,
+    ".nii.gz": read_nifti,
     ".npy": read_npy,
     ".npz": read_npz,
 }

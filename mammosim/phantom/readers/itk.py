@@ -1,4 +1,4 @@
-"""MHA, NRRD and NIfTI by SimpleITK: files with patient axes."""
+"""Files with patient axes by SimpleITK: MHA, NRRD, and NIfTI once its length is checked."""
 
 from __future__ import annotations
 
