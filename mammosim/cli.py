@@ -230,7 +230,33 @@ def info(
 
 
 def _print_phantom(summary: PhantomSummary) -> None:
-    for heading, value in summary.rows():
+    def spans(values: Any, pattern: str) -> str:
+        return " x ".join(pattern.format(value) for value in values)
+
+    extent = ", ".join(
+        f"{axis} {low:.1f} to {high:.1f}"
+        for axis, (low, high) in zip("xyz", summary.extent_mm, strict=True)
+    )
+    side = {"L": "left", "R": "right"}[summary.laterality]
+    lines = [
+        ("source", summary.source),
+        ("size", f"{spans(summary.shape, '{}')} voxels of {spans(summary.voxel_mm, '{:g}')} mm"),
+        ("tissue", f"{extent} mm (x anterior, y patient's left, z superior)"),
+        ("side", f"{side} ({summary.laterality})"),
+        ("nipple", f"{', '.join(f'{value:.1f}' for value in summary.nipple_mm)} mm"),
+        ("breast", f"{summary.breast_ml:.1f} mL without muscle"),
+    ]
+    if summary.fibroglandular_percent is not None:
+        share = f"{summary.fibroglandular_percent:.1f} % of the volume within the skin"
+        lines.append(("fibroglandular", share))
+    lines += [(f"  {tissue}", f"{ml:.2f} mL") for tissue, ml in summary.volume_ml.items()]
+    for lesion in summary.lesions:
+        place = ", ".join(f"{value:.1f}" for value in lesion.position_mm)
+        lines.append(
+            ("lesion", f"{lesion.name} ({lesion.kind}), {lesion.volume_mm3:.1f} mm3 at {place} mm")
+        )
+    lines += [("note", note) for note in summary.notes]
+    for heading, value in lines:
         out.print(f"{heading}: {_plain(value)}", highlight=False)
 
 

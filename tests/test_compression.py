@@ -31,7 +31,7 @@ def tissue_points(breast, step: int = 3) -> np.ndarray:
 def test_tissue_lies_between_the_plates(breast, squeezed):
     points = tissue_points(breast)
     moved = points + squeezed.displacement_at(points)
-    between = moved[:, 0] > squeezed.plate_edge_mm + 2.0
+    between = moved[:, 0] > squeezed.plate_edge_mm
     # Nodes are bounded; the fine surface may stand out by half a node spacing.
     assert moved[between, 2].min() > squeezed.support_z_mm - 1.0
     assert moved[between, 2].max() < squeezed.paddle_z_mm + 1.0

@@ -15,8 +15,11 @@ CELL_MM = 0.5  # grid of mask and distance to the skin
 AIR_LEVEL = 0.04  # attenuation (ln) that tells tissue from air: half a millimetre of skin
 CONTOUR_SIGMA_MM = 1.5  # distances are smoothed by it: the edge of the mask is a staircase
 MARGIN_MM = 30.0  # the breast is at full thickness this far from its edge at the latest
+FULL_MARGIN_MM = 20.0  # between this depth and that, equalisation fades out
 LOCAL_SIGMA_MM = 3.0  # what is thinner than the margin's profile on this scale (nipple, folds)
 LOCAL_DEPTH_MM = 15.0  # is looked at on its own up to this depth
+RING_MM = 2.0  # the margin's profile is taken in rings of equal depth this wide
+ALONG_EDGE_SIGMA_MM = 12.0  # and along the edge on this scale
 PROFILE_QUANTILE = 0.30  # fat between gland: what the margin is equalised by
 STRENGTH = 0.90  # part of the missing thickness that is made up
 SKIN_RAMP_MM = 2.5  # over which equalisation sets in, so that the skin line stands against air
@@ -116,23 +119,51 @@ def _missing_attenuation(
     cell_mm: float,
 ) -> NDArray[np.float64]:
     """What the margin lacks against the plateau, ln units, on the coarse grid; 0 in air."""
-    centres = np.arange(0.5, MARGIN_MM, 1.0)
-    levels = []
-    for centre in centres:
-        ring = coarse[breast & (np.abs(depth_mm - centre) <= 1.0)]
-        levels.append(np.quantile(ring, PROFILE_QUANTILE) if ring.size else np.nan)
-    known = np.isfinite(levels)
-    if not known.any():
-        return np.zeros_like(coarse)
-    profile = np.interp(centres, centres[known], np.array(levels)[known])
-    profile = np.maximum.accumulate(ndimage.gaussian_filter1d(profile, 1.0, mode="nearest"))
-    expected = np.interp(depth_mm, centres, profile)
+    expected, plateau = _fat_profile(coarse, breast, depth_mm, cell_mm)
     local = _local_mean(coarse, breast, LOCAL_SIGMA_MM / cell_mm)
     shallow = np.clip(2.0 - depth_mm / LOCAL_DEPTH_MM, 0.0, 1.0)
     thinner = shallow * np.maximum(expected - local, 0.0)
-    ramp = np.clip(depth_mm / SKIN_RAMP_MM, 0.0, 1.0)
-    lacking = STRENGTH * (profile[-1] - expected + thinner)
-    return np.where(breast, lacking * ramp * ramp * (3.0 - 2.0 * ramp), 0.0)
+    lacking = STRENGTH * np.maximum(plateau - expected + thinner, 0.0)
+    set_in = _smooth_step(depth_mm / SKIN_RAMP_MM)
+    fade = _smooth_step((MARGIN_MM - depth_mm) / (MARGIN_MM - FULL_MARGIN_MM))
+    return np.where(breast, lacking * set_in * fade, 0.0)
+
+
+def _smooth_step(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """0 up to 0, 1 from 1 on, smooth between."""
+    ramp = np.clip(place, 0.0, 1.0)
+    return ramp * ramp * (3.0 - 2.0 * ramp)
+
+
+def _fat_profile(
+    coarse: NDArray[np.float64],
+    breast: NDArray[np.bool_],
+    depth_mm: NDArray[np.float64],
+    cell_mm: float,
+) -> tuple[NDArray[np.float64], float]:
+    """Attenuation that fat at each place's depth has in its neighbourhood, and at full thickness.
+
+    The breast rounds off differently along its edge, so each ring of equal depth is averaged over
+    `ALONG_EDGE_SIGMA_MM` of itself; what lies above that average, gland, is cut off at it and the
+    rest averaged again.
+    """
+    centres = np.arange(0.5 * RING_MM, MARGIN_MM, RING_MM)
+    sigma = ALONG_EDGE_SIGMA_MM / cell_mm
+    rings = np.empty((centres.size, *coarse.shape))
+    level = np.zeros(coarse.shape)
+    for number, centre in enumerate(centres):
+        ring = breast & (np.abs(depth_mm - centre) <= 0.5 * RING_MM)
+        if ring.any():
+            mean = _local_mean(coarse, ring, sigma)
+            level = np.maximum(level, _local_mean(np.minimum(coarse, mean), ring, sigma))
+        rings[number] = level
+    place = np.clip((depth_mm - centres[0]) / RING_MM, 0.0, centres.size - 1.0)
+    below = np.minimum(place.astype(np.intp), centres.size - 2)
+    part = place - below
+    low, high = (np.take_along_axis(rings, (below + step)[None], 0)[0] for step in (0, 1))
+    deepest = breast & (depth_mm >= min(MARGIN_MM - 2.0 * RING_MM, 0.8 * float(depth_mm.max())))
+    plateau = float(np.quantile(coarse[deepest], PROFILE_QUANTILE))
+    return (1.0 - part) * low + part * high, plateau
 
 
 def _local_mean(
@@ -141,7 +172,7 @@ def _local_mean(
     """Weighted mean of the neighbourhood that belongs to the breast."""
     weight = ndimage.gaussian_filter(breast.astype(np.float64), sigma_cells, mode="nearest")
     total = ndimage.gaussian_filter(np.where(breast, coarse, 0.0), sigma_cells, mode="nearest")
-    mean: NDArray[np.float64] = total / np.maximum(weight, 1e-3)
+    mean: NDArray[np.float64] = total / np.maximum(weight, 1e-6)
     return mean
 
 

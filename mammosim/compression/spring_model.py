@@ -51,7 +51,9 @@ class _Case:
         frame = self.lattice.frame
         heights = np.array([[0.0, 0.0, plates.support_z_mm], [0.0, 0.0, plates.paddle_z_mm]])
         lower, upper = frame.index(heights)[:, 2]
-        edge = float((plates.edge_mm - frame.origin_mm[0]) / frame.spacing_mm[0])
+        # A point is moved by nodes up to one spacing behind it: where those behind the edge were
+        # free, tissue just beyond it would stand out through the plates.
+        edge = float((plates.edge_mm - frame.origin_mm[0]) / frame.spacing_mm[0]) - 1.0
         return SpringProblem(self.lattice.modulus, self.fixed, float(lower), float(upper), edge)
 
     def solve(self, plates: Plates, start: SpringState | None = None) -> SpringState:

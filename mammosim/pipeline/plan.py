@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mammosim.phantom import PhantomSettings, expected_voxels
+from mammosim.phantom import PhantomSettings
+from mammosim.phantom.size import expected_voxels
 from mammosim.pipeline.run_config import RunConfig
 
 # Bytes and seconds below were measured with benchmarks/pipeline.py (see benchmarks/RESULTS.md) on

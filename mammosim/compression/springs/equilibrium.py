@@ -40,6 +40,9 @@ COARSE_TOLERANCE = 0.02
 REDUCTION = 0.05
 """Part of the error that one axis keeps in a round: one step or two of conjugate gradients."""
 
+LEAVING = 0.5
+"""How far behind the plates' edge a node must be to have come out, lattice units."""
+
 STALE_PART = 0.1
 """Of the held nodes may change before the coarse operators are made anew."""
 
@@ -117,59 +120,66 @@ class _Run:
         lattice.lattice_diagonal(problem.modulus, span, diagonal)
         free = (problem.tissue & ~problem.fixed).astype(np.float32)
         level = LatticeLevel(problem.modulus, span, diagonal, free)
-        unheld = Multigrid(level)
-        along_x, along_y, along_z = (_Axis(level, unheld) for _ in range(3))
+        unheld, error, converged, interrupted = Multigrid(level), np.inf, False, False
+        along_x = _Axis("x", level, unheld, CHEST_WALL_INDEX, np.inf)
+        along_y = _Axis("y", level, unheld, -np.inf, np.inf)
+        along_z = _Axis("z", level, unheld, problem.lower, problem.upper)
         plates, stretch = _UnderPlates(problem, ux), np.zeros(ux.shape)
-        converged, interrupted, error = False, False, np.inf
         try:
             for _ in range(self.max_rounds):
-                held, errors = plates.settled, []
-                for axis, u, direction, bounded, lower, upper in (
-                    (along_z, uz, 2, plates.nodes, problem.lower, problem.upper),
-                    (along_x, ux, 0, problem.tissue, CHEST_WALL_INDEX, np.inf),
-                    (along_y, uy, 1, problem.tissue, -np.inf, np.inf),
-                ):
-                    changes = axis.hold(u, direction, bounded, lower, upper)
-                    errors.append(self._balance(axis, u))
-                    self._note("xyz"[direction], errors[-1], axis)
-                    held &= changes == 0
-                    if axis is along_z:
-                        lattice.cell_stretch(problem.modulus, uz, stretch)
-                        lattice.stretch_loads(
-                            problem.modulus, span, stretch, along_x.load, along_y.load
-                        )
-                error = max(errors)
-                converged = held and error <= self.tolerance
-                if converged:
+                error, changes = self._balance(along_z, uz, plates.nodes)
+                lattice.cell_stretch(problem.modulus, uz, stretch)
+                lattice.stretch_loads(problem.modulus, span, stretch, along_x.load, along_y.load)
+                error_x, changes_x = self._balance(along_x, ux, problem.tissue)
+                error = max(error, error_x)
+                settled = plates.settled and changes == changes_x == 0
+                if settled and error <= self.tolerance:
+                    converged = True
                     break
                 plates.follow(ux)
         except KeyboardInterrupt:
-            interrupted = True
+            interrupted, self.watch = True, None
+        for _ in range(1 if interrupted else self.max_rounds):  # y decides nothing else
+            error_y, _ = self._balance(along_y, uy, problem.tissue)
+            if error_y <= self.tolerance:
+                break
+        error = max(error, error_y)
+        converged &= error <= self.tolerance
         history = np.array(self.rows, HISTORY)
         return SpringState((ux, uy, uz), converged, error, history, interrupted)
 
-    def _balance(self, axis: _Axis, u: NDArray[np.float64]) -> float:
-        """Move one axis towards equilibrium; returns the error estimate that is left."""
+    def _balance(
+        self, axis: _Axis, u: NDArray[np.float64], bounded: NDArray[np.bool_]
+    ) -> tuple[float, int]:
+        """Move one axis towards equilibrium.
+
+        Returns
+        -------
+        error : float
+            Estimate of the largest distance that is left, lattice units.
+        changes : int
+            How many nodes came under an obstacle's hold or left it.
+        """
+        changes = axis.hold(u, bounded)
         correction, error = conjugate_gradients(
             axis.multigrid, axis.force.astype(np.float32), 0.5 * self.tolerance, REDUCTION, 3
         )
         vectors.add_scaled(1.0, correction, u)
-        return error
-
-    def _note(self, name: str, error: float, axis: _Axis) -> None:
         nodes = np.count_nonzero(self.problem.modulus)
-        row = np.array([(len(self.rows), nodes, name, error, axis.held)], HISTORY)[0]
+        row = np.array([(len(self.rows), nodes, axis.name, error, axis.held)], HISTORY)[0]
         self.rows.append(row)
         if self.watch is not None:
             self.watch(row)
+        return error, changes
 
 
 class _UnderPlates:
     """Which nodes lie between the plates, by their current x.
 
     A node near the plates' edge may be pulled out from between them by what they do to it, and
-    back in by what they then do not: for such a node no equilibrium exists. One that returns is
-    therefore held between the plates for good, so that nothing ever passes through them.
+    back in by what they then do not: for such a node no equilibrium exists. A node therefore
+    leaves only where it has come out by `LEAVING`, and one that returns is held between the plates
+    for good, so that nothing ever passes through them.
     """
 
     def __init__(self, problem: SpringProblem, ux: NDArray[np.float64]) -> None:
@@ -182,9 +192,10 @@ class _UnderPlates:
     def follow(self, ux: NDArray[np.float64]) -> None:
         """Update the set after the nodes have moved."""
         beyond = self._beyond_edge(ux)
+        out = self.nodes & ~self._beyond_edge(ux + LEAVING)
         self._returned |= beyond & self._left
-        self._left |= self.nodes & ~beyond
-        now = beyond | self._returned
+        self._left |= out
+        now = (self.nodes & ~out) | beyond | self._returned
         self.settled = bool(np.array_equal(now, self.nodes))
         self.nodes = now
 
@@ -196,22 +207,18 @@ class _UnderPlates:
 class _Axis:
     """One component: its load, the nodes an obstacle holds, and the multigrid without them."""
 
-    def __init__(self, base: LatticeLevel, unheld: Multigrid) -> None:
+    def __init__(
+        self, name: str, base: LatticeLevel, unheld: Multigrid, lower: float, upper: float
+    ) -> None:
         shape = base.modulus.shape
-        self._base, self._unheld = base, unheld
+        self.name = name
+        self._base, self._unheld, self._bounds = base, unheld, (lower, upper)
         self._contact = np.zeros(shape, np.int8)
         self.load, self.force = np.zeros(shape), np.zeros(shape)
         self.held = 0
         self.multigrid = unheld
 
-    def hold(
-        self,
-        u: NDArray[np.float64],
-        direction: int,
-        bounded: NDArray[np.bool_],
-        lower: float,
-        upper: float,
-    ) -> int:
+    def hold(self, u: NDArray[np.float64], bounded: NDArray[np.bool_]) -> int:
         """Find the nodes that an obstacle holds, and the force on all others.
 
         A few changes are left to the finest level: coarse operators that are a little out of date
@@ -222,11 +229,11 @@ class _Axis:
         int
             How many nodes came under an obstacle's hold or left it.
         """
-        base = self._base
+        base, direction = self._base, "xyz".index(self.name)
         base.residual(u, self.load, self.force)
         changes = int(
             lattice.update_contact(
-                u, self.force, base.diagonal, base.free, bounded, direction, lower, upper,
+                u, self.force, base.diagonal, base.free, bounded, direction, *self._bounds,
                 self._contact,
             )
         )  # fmt: skip
@@ -238,5 +245,6 @@ class _Axis:
                 self.multigrid = Multigrid(finest)
             else:
                 self.multigrid.replace_finest(finest)
-        self.multigrid.finest.residual(u, self.load, self.force)
+        if self.held:
+            self.multigrid.finest.residual(u, self.load, self.force)
         return changes

@@ -70,7 +70,7 @@ def volume_measures(
     """Volume and inverted cells of a state; see `spring_measures`."""
     layers = np.zeros((problem.modulus.shape[0], 3))
     cell_volumes(problem.modulus, *state.displacement, layers)
-    cells, volume, inverted = layers.sum(axis=0)
+    cells, volume, inverted = (float(total) for total in layers.sum(axis=0))
     ratio = volume / cells if cells else 1.0
     return {
         "volume_before_ml": cells * spacing_mm**3 * 1e-3,
