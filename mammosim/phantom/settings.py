@@ -39,7 +39,7 @@ class LesionSettings(Settings):
         belongs = {"margin": "mass", "count": "calcification", "calcification_mm": "calcification"}
         foreign = [
             key for key, kind in belongs.items()
-            if key in self.model_fields_set and kind != self.kind
+            if kind != self.kind and getattr(self, key) != type(self).model_fields[key].default
         ]  # fmt: skip
         if foreign:
             raise ValueError(f"{', '.join(foreign)} does not belong to kind '{self.kind}'")

@@ -51,9 +51,15 @@ def lobules(points, strength, place):
     return strength[first] * max(0.0, 1 - distance[first] ** 2 / 0.36), wall
 
 
-def in_cone(point, start, end, radius, least):
+def in_cone(point, start, end, radius):
     """Whether a point lies in a straight piece whose radius changes from end to end."""
     axis = end - start
     t = np.clip((point - start) @ axis / max(axis @ axis, 1e-9), 0, 1)
-    wide = radius[0] + t * (radius[1] - radius[0])
-    return np.linalg.norm(point - start - t * axis) <= max(wide, least)
+    return np.linalg.norm(point - start - t * axis) <= radius[0] + t * (radius[1] - radius[0])
+
+
+def on_axis(point, start, end, step):
+    """Whether a point is the nearest of its grid to one of the places a step apart on a line."""
+    steps = int(np.ceil(np.abs(end - start).max() / step))
+    places = start + np.linspace(0, 1, steps + 1)[:, None] * (end - start)
+    return (np.abs(np.rint(places / step) * step - point) < 1e-9).all(axis=1).any()

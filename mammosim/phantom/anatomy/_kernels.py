@@ -270,13 +270,13 @@ def paint_tubes(
 ) -> None:  # fmt: skip
     """Paint straight round pieces: ends (n, 2, 3) and radii (n, 2) at both ends, mm.
 
-    A piece thinner than a voxel still gets every voxel whose centre lies within half a voxel's
-    side of its axis, so that it does not break up.
+    Besides the voxels whose centre lies in it, a piece gets those that its axis goes through, one
+    a step along its longest side, so that a thin one does not break up.
     """
     step = lattice.x_mm[1] - lattice.x_mm[0]
     for n in range(ends_mm.shape[0]):
         a, b = ends_mm[n, 0], ends_mm[n, 1]
-        widest = max(radius_mm[n, 0], radius_mm[n, 1], 0.5 * step)
+        widest = max(radius_mm[n, 0], radius_mm[n, 1])
         low, high = np.minimum(a, b) - widest, np.maximum(a, b) + widest
         squared = max(((b - a) ** 2).sum(), 1e-9)
         i0, i1 = np.searchsorted(lattice.x_mm, low[0]), np.searchsorted(lattice.x_mm, high[0])
@@ -297,5 +297,14 @@ def paint_tubes(
                         + (dz - t * (b[2] - a[2])) ** 2
                     )  # fmt: skip
                     radius = radius_mm[n, 0] + t * (radius_mm[n, 1] - radius_mm[n, 0])
-                    if gap <= max(radius, 0.5 * step) ** 2:
+                    if gap <= radius * radius:
                         labels[i, j, k] = label[n]
+        steps = int(np.ceil(np.abs(b - a).max() / step))
+        for turn in range(steps + 1):
+            along = turn / max(steps, 1)
+            i = int(np.rint((a[0] + along * (b[0] - a[0]) - lattice.x_mm[0]) / step))
+            j = int(np.rint((a[1] + along * (b[1] - a[1]) - lattice.lateral_mm[0]) / step))
+            k = int(np.rint((a[2] + along * (b[2] - a[2]) - lattice.superior_mm[0]) / step))
+            within = 0 <= i < labels.shape[0] and 0 <= j < labels.shape[1]
+            if within and 0 <= k < labels.shape[2]:
+                labels[i, j, k] = label[n]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.geometry import VoxelFrame
-from mammosim.phantom.anatomy.shape import GRID_MM, Shape, coarse_frame, level, mesh
+from mammosim.phantom.anatomy.shape import GRID_MM, Shape, coarse_frame, level, mesh, near_depth
 
 FIBRE_DEG = 54.0
 """Direction in which the wedge thickens, degrees from lateral to superior: the fibres of the
@@ -77,8 +77,10 @@ def fit_volume(shape: Shape, muscle: Muscle, volume_ml: float) -> Shape:
     """Scale a shape until what is in front of the muscle has a volume, mL."""
     for _ in range(4):  # the slab does not scale: each turn leaves a tenth of the last one's error
         frame = coarse_frame(shape)
-        inside = (level(shape, mesh(frame)) > 0) & (mesh(frame)[0] >= 0)
-        inside &= muscle_depth(muscle, shape, frame) < 0
-        found_ml = float(inside.sum()) * GRID_MM**3 / 1000.0
+        value, x = level(shape, mesh(frame)), mesh(frame)[0]
+        muscled = (muscle_depth(muscle, shape, frame) > 0) & (near_depth(value) > COVER_MM)
+        # Points on the chest-wall plane stand for half as much.
+        weight = np.where(x == 0, 0.5, 1.0) * (x >= 0)
+        found_ml = float((weight * ((value > 0) & ~muscled)).sum()) * GRID_MM**3 / 1000.0
         shape = shape.scaled((volume_ml / found_ml) ** (1.0 / 3.0))
     return shape

@@ -18,9 +18,9 @@ GRID_MM = 2.0
 """Spacing of the grid on which everything smooth is made, mm; a skin of radius 50 mm lies within
 h^2 / 8r = 0.01 mm of its trilinear interpolation."""
 
-PAD_MM = 28.0
-"""Margin of that grid around the breast, mm: the highest nipple (12 mm) and three of the largest
-voxels (4 mm), with one point to spare."""
+FRONT_MM, SIDE_MM = 28.0, 14.0
+"""Margins of that grid, mm: in front the highest nipple (12 mm) and three of the largest voxels
+(4 mm), at the sides three voxels, with one point to spare."""
 
 
 @dataclass(frozen=True)
@@ -111,11 +111,9 @@ def level(shape: Shape, points_mm: tuple[NDArray, NDArray, NDArray]) -> NDArray[
 
 def coarse_frame(shape: Shape) -> VoxelFrame:
     """Grid of `GRID_MM` around the whole breast, generator coordinates."""
-    reach = shape.radius_mm * (1.08 + shape.tail)
-    low = np.array([-2 * GRID_MM, -reach - PAD_MM, -reach - PAD_MM])
-    high = np.array(
-        [shape.depth_mm + PAD_MM, reach + PAD_MM, reach + shape.radius_mm * 0.2 + PAD_MM]
-    )
+    reach = shape.radius_mm * (1.08 + shape.tail) + SIDE_MM
+    low = np.array([-2.0 * GRID_MM, -reach, -reach])
+    high = np.array([shape.depth_mm + FRONT_MM, reach, reach + 0.2 * shape.radius_mm])
     nx, ny, nz = (int(n) for n in np.ceil((high - low) / GRID_MM) + 1)
     return VoxelFrame(low, np.full(3, GRID_MM), (nx, ny, nz))
 
@@ -136,10 +134,16 @@ def skin_depth(shape: Shape, frame: VoxelFrame) -> NDArray[np.float64]:
     to the nearest grid point outside corrected by that point's own distance.
     """
     value = level(shape, mesh(frame))
-    slope = np.sqrt(sum(g**2 for g in np.gradient(value, GRID_MM)))
-    near = value / np.maximum(slope, 1e-6)
+    near = near_depth(value)
     far, nearest = ndimage.distance_transform_edt(value > 0, sampling=GRID_MM, return_indices=True)
     far = far + np.clip(near[tuple(nearest)], -2.0 * GRID_MM, 0.0)
     weight = np.clip((near - 3.0) / 5.0, 0.0, 1.0)
     blended: NDArray[np.float64] = np.where(value > 0, (1 - weight) * near + weight * far, near)
     return np.clip(blended, -4.0 * GRID_MM, None)
+
+
+def near_depth(value: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Depth below the skin to first order, mm, from the level on the grid."""
+    slope = np.sqrt(sum(part**2 for part in np.gradient(value, GRID_MM)))
+    depth: NDArray[np.float64] = value / np.maximum(slope, 1e-6)
+    return depth
