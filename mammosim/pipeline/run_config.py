@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from mammosim.acquisition import AcquisitionSettings
 from mammosim.compression import CompressionSettings
 from mammosim.config import Settings, parse_value, read_yaml, to_settings
 from mammosim.errors import InputError
 from mammosim.export import ExportSettings
+from mammosim.geometry import VIEW_NAMES
 from mammosim.phantom import PhantomSettings
 from mammosim.projection import ProjectionSettings
 from mammosim.report import ReportSettings
@@ -38,8 +39,17 @@ PATH_KEYS = (
 """Keys whose value is, or may be, a path relative to the configuration's file."""
 
 
+def _or_a_name(schema: dict[str, Any]) -> None:
+    """A view may also be given by its name alone."""
+    mapping = dict(schema)
+    schema.clear()
+    schema["anyOf"] = [{"enum": list(VIEW_NAMES)}, mapping]
+
+
 class ViewSettings(Settings):
     """One view, with its own values for keys of some sections."""
+
+    model_config = ConfigDict(json_schema_extra=_or_a_name)
 
     view: Literal["CC", "MLO", "ML"]
     """Name of the view."""
@@ -99,9 +109,6 @@ class RunConfig(Settings):
     views: tuple[ViewSettings, ...] = Field(
         (ViewSettings(view="CC"), ViewSettings(view="MLO")),
         min_length=1,
-        json_schema_extra={
-            "items": {"anyOf": [{"enum": ["CC", "MLO", "ML"]}, {"$ref": "#/$defs/ViewSettings"}]}
-        },
     )
     """Views to make: names, or mappings with the view's own values."""
 
@@ -142,8 +149,8 @@ class RunConfig(Settings):
         return to_settings(VIEW_SECTIONS[section], {**base, **own}, "", (section,))
 
     def plain(self) -> dict[str, Any]:
-        """All values as YAML holds them, defaults filled in."""
-        return self.model_dump(mode="json")
+        """All values as YAML holds them, defaults filled in but for those that mean "left out"."""
+        return self.model_dump(mode="json", exclude_none=True)
 
 
 def load_config(path: str | os.PathLike[str], changes: Sequence[str] = ()) -> RunConfig:
