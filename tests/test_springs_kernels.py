@@ -10,7 +10,7 @@ from naive import springs as naive
 from mammosim.compression.springs import SpringProblem
 from mammosim.compression.springs import _lattice_kernels as lattice
 from mammosim.compression.springs import _stencil_kernels as stencils
-from mammosim.compression.springs._relaxation_kernels import sweep
+from mammosim.compression.springs._relaxation_kernels import mark_nodes, sweep
 from mammosim.compression.springs.multigrid import (
     LatticeLevel,
     Multigrid,
@@ -87,7 +87,10 @@ def test_sweep_is_that_of_the_definition():
     places += np.where(problem.tissue, rng.normal(0.0, 0.1, places.shape), 0.0)
     x, y, z = (place.copy() for place in places)
     plates, sums = (problem.lower, problem.upper, problem.edge, 1.0), np.zeros(4)
-    sweep(problem.modulus, problem.fixed, x, y, z, *orders, plates, sums)
+    visited = np.zeros(problem.modulus.shape, np.uint8)
+    mark_nodes(problem.modulus, problem.fixed, visited)
+    assert set(np.unique(visited)) == {0, 1, 2}
+    sweep(problem.modulus, visited, x, y, z, *orders, plates, sums)
     expected = naive.sweep(problem.modulus, problem.fixed, places, orders, plates)
     np.testing.assert_allclose(sums, expected, rtol=1e-12)
     np.testing.assert_allclose([x, y, z], places, atol=1e-12)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mammosim.compression.springs._relaxation_kernels import sweep
+from mammosim.compression.springs._relaxation_kernels import mark_nodes, sweep
 from mammosim.compression.springs.deviation import remaining_deviation
 from mammosim.compression.springs.problem import CHEST_WALL_INDEX, SpringProblem, SpringState
 from mammosim.compression.springs.series_start import series_start
@@ -67,13 +67,15 @@ def relax(
     plates = (problem.lower, problem.upper, problem.edge, float(CHEST_WALL_INDEX))
     if not np.isfinite(problem.edge):  # no plates: every node counts
         plates = (-np.inf, np.inf, -np.inf, float(CHEST_WALL_INDEX))
+    visited = np.zeros(problem.modulus.shape, np.uint8)
+    mark_nodes(problem.modulus, problem.fixed, visited)
     rng, sums = np.random.default_rng(seed), np.zeros(4)
     rows: list[np.void] = []
     converged = interrupted = False
     try:
         for number in range(1, max_sweeps + 1):
             orders = [rng.permutation(np.arange(1, n - 1)) for n in problem.modulus.shape]
-            sweep(problem.modulus, problem.fixed, x, y, z, *orders, plates, sums)
+            sweep(problem.modulus, visited, x, y, z, *orders, plates, sums)
             row = np.array([(number, *sums[:3], int(sums[3]))], HISTORY)[0]
             rows.append(row)
             if watch is not None:
