@@ -189,7 +189,7 @@ def test_compression_and_exposure_are_in_units_a_radiologist_reads(record):
 def test_warnings_are_all_shown_and_each_once(record):
     views = views_of(*LEFT, notes=("Three cells inverted.", "The side was assumed."))
     text = Page(render_report(views, [], record)).words
-    assert "Warnings" in text
+    assert "To note" in text
     assert text.count("The side was assumed.") == 1
     assert text.count("Three cells inverted.") == 1
 

@@ -25,7 +25,7 @@ class Marker:
     Parameters
     ----------
     text : str
-        Target id, or `nipple`.
+        Target id, or `N` for the nipple.
     name, kind : str
     x, y : float
         Centre; the middle of the first pixel is at 0.5.
@@ -69,7 +69,7 @@ def _marker(target: Target, gantry: Gantry) -> Marker:
     left_breast = gantry.view.laterality == "L"
     rightwards = x + radius * 3.0 < gantry.columns if left_breast else x - radius * 3.0 < 0.0
     return Marker(
-        text="nipple" if target.kind == "nipple" else str(target.target_id),
+        text="N" if target.kind == "nipple" else str(target.target_id),
         name=target.name,
         kind=target.kind,
         x=x,
