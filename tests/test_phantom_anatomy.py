@@ -195,7 +195,8 @@ def test_projected_texture_has_the_power_law_of_mammograms():
         mean = [(f[ring].mean(), power[ring].mean()) for ring in rings]
         exponents.append(-np.polyfit(*np.log(np.array(mean)).T, 1)[0])
     assert 2.3 < np.mean(exponents) < 3.7
-    assert all(1.5 < exponent < 4.2 for exponent in exponents)
+    # One square a breast: the exponent of a single one scatters by some tenths.
+    assert all(1.5 < exponent < 3.8 for exponent in exponents)
 
 
 def test_volumes_drawn_by_the_seed_vary():

@@ -88,8 +88,8 @@ def envelope(
     uneven = smooth_noise(rng, frame, 30.0)
     fat = 2.0 + (kind.fat_mm * np.clip(1.0 + 0.25 * uneven, 0.5, 1.6) - 2.0) * back**0.8
     from_skin = (skin_depth_mm - fat) / 7.0
-    behind = 8.0 + 3.0 * smooth_noise(rng, frame, 35.0)
-    from_muscle = (-muscle_depth_mm - behind) / 8.0
+    behind = 5.0 + 2.5 * smooth_noise(rng, frame, 35.0)
+    from_muscle = (-muscle_depth_mm - behind) / 6.0
     # The gland leans to the upper outer quadrant, where most of it is.
     lean = np.cos(np.arctan2(superior, lateral) - np.deg2rad(50.0))
     slant = np.rad2deg(np.arctan2(across, ahead))

@@ -32,9 +32,11 @@ LOBULE_MM = 11.0
 FAN_SHARE, FAN_PER_RADIAN = (0.47, 0.37, 0.31), (5.0, 11.0, 23.0)
 """Strands: relative amplitude, and waves per radian seen from behind the nipple."""
 
-GRAIN_AMPLITUDE, GRAIN_MM = (0.15, 0.15, 0.15), (6.5, 3.1, 1.4)
-"""Isotropic detail: equal amplitude an octave is a volume spectrum f^-3, and a parallel
-projection keeps the exponent: mammograms have 2.8 on average (Burgess 1999)."""
+GRAIN_AMPLITUDE, GRAIN_MM = (0.15, 0.20, 0.26), (6.5, 3.1, 1.4)
+"""Isotropic detail. Equal amplitude an octave would be a volume spectrum f^-3, whose exponent a
+parallel projection keeps; the threshold smooths, so that finer octaves are made stronger until
+projections have the exponent of mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess
+1999, Proc SPIE 3659)."""
 
 SAMPLE_MM = 1.5
 """Distance of the voxels on which the share of gland is set, mm."""

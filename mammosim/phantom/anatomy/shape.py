@@ -69,7 +69,7 @@ def draw_shape(rng: np.random.Generator) -> Shape:
         radius_mm=radius,
         base_lateral_mm=radius * rng.uniform(-0.10, 0.0),
         base_superior_mm=radius * rng.uniform(0.06, 0.20),
-        tail=rng.uniform(0.26, 0.38),
+        tail=rng.uniform(0.20, 0.31),
         slope=rng.uniform(0.4, 1.0),
         ripple=(float(ripple[0]), float(ripple[1]), float(ripple[2]), float(ripple[3])),
     )
