@@ -93,9 +93,9 @@ def simulate(config: RunConfig, output: RunFolder | None = None, tell: Tell | No
     try:
         for wanted in config.views:
             _make_view(study, config, wanted, output, tell, unfinished)
-    except Interrupted as stop:
+    except (Interrupted, KeyboardInterrupt) as stop:
         _finish(study, config, output, "interrupted", tell)
-        raise Interrupted(str(stop), study) from None
+        raise Interrupted(str(stop) or "the run was interrupted", study) from None
     _finish(study, config, output, "not converged" if unfinished else "done", tell)
     if unfinished:
         raise NotConverged("\n".join(str(error) for error in unfinished), study)
@@ -125,10 +125,9 @@ def _make_view(
         unfinished.append(error)
         squeezed = error.reached
     except Interrupted as stop:
-        study.views[name] = ViewResult(stop.reached)
-        if output is not None:
-            output.write_compression(stop.reached)
+        _keep_compression(study, stop.reached, output, tell)
         raise
+    _keep_compression(study, squeezed, output, tell)
     with _timed(seconds, name, "projection", tell):
         paths = project(squeezed, **_given(config.section_for(wanted, "projection")))
     with _timed(seconds, name, "acquisition", tell):
@@ -139,8 +138,18 @@ def _make_view(
     study.views[name] = ViewResult(squeezed, paths, mammogram, targets)
     if output is not None:
         with _timed(seconds, name, "export", tell):
-            output.write_compression(squeezed)
             output.write_images(paths, mammogram, targets)
+
+
+def _keep_compression(
+    study: Study, squeezed: CompressedBreast, output: RunFolder | None, tell: Tell
+) -> None:
+    """Note and write what the compression reached, before anything else can fail."""
+    name = squeezed.view.folder
+    study.views[name] = ViewResult(squeezed)
+    if output is not None:
+        with _timed(study.stage_seconds, name, "volumes", tell):
+            output.write_compression(squeezed)
 
 
 def _finish(
