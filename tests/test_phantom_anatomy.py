@@ -86,7 +86,8 @@ def test_gland_lies_under_fat_and_before_the_muscle(scattered):
     assert np.percentile(beneath[gland & ~retroareolar], 5) > 5.0
     assert gland[retroareolar].any()
     behind = ndimage.binary_dilation(labels == LABEL["muscle"], iterations=4)
-    assert (gland & behind).sum() < 0.005 * gland.sum()
+    # Retromammary fat is 5 mm thick (SD 2.5) with a soft border: few strands come within 3 mm.
+    assert (gland & behind).sum() < 0.01 * gland.sum()
 
 
 def test_the_muscle_is_a_triangle_in_the_oblique_view(scattered):
