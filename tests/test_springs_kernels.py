@@ -14,6 +14,7 @@ from mammosim.compression.springs._relaxation_kernels import mark_nodes, sweep
 from mammosim.compression.springs.multigrid import (
     LatticeLevel,
     Multigrid,
+    Workspace,
     conjugate_gradients,
 )
 
@@ -99,7 +100,7 @@ def test_sweep_is_that_of_the_definition():
 @pytest.mark.parametrize("fine", [0, 1])
 def test_coarse_operator_is_the_galerkin_product(fine):
     problem = half_ellipsoid((19, 22, 25))
-    levels = Multigrid(level_of(problem.modulus, problem.fixed)).levels
+    levels = Multigrid(level_of(problem.modulus, problem.fixed), Workspace()).levels
     level, coarse = levels[fine], levels[fine + 1]
     rng = np.random.default_rng(7)
     v = rng.normal(size=coarse.diagonal.shape).astype(np.float32) * coarse.free
@@ -115,7 +116,7 @@ def test_coarse_operator_is_the_galerkin_product(fine):
 
 def test_restriction_is_the_transpose_of_interpolation():
     problem = half_ellipsoid((9, 12, 11))
-    levels = Multigrid(level_of(problem.modulus, problem.fixed)).levels
+    levels = Multigrid(level_of(problem.modulus, problem.fixed), Workspace()).levels
     fine, coarse = levels[0], stencils
     rng = np.random.default_rng(8)
     residual = rng.normal(size=fine.free.shape).astype(np.float32) * fine.free
@@ -150,7 +151,7 @@ def test_conjugate_gradients_solve_what_a_dense_solver_solves():
     load = np.zeros_like(modulus)
     load.reshape(-1)[nodes] = np.random.default_rng(9).normal(size=nodes.size)
     expected = np.linalg.solve(matrix, load.reshape(-1)[nodes])
-    ours, error = conjugate_gradients(Multigrid(level), load.copy(), 1e-6, 0.0, 60)
+    ours, error = conjugate_gradients(Multigrid(level, Workspace()), load.copy(), 1e-6, 0.0, 60)
     assert error <= 1e-6
     # Single precision and a condition number of about 100.
     np.testing.assert_allclose(ours.reshape(-1)[nodes], expected, atol=2e-5)

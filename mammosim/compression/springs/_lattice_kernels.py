@@ -17,12 +17,16 @@ _ONE = np.uint64(1)
 
 @contracting_kernel
 def _column_residual(modulus, u, load, i, j, first, last, out):
-    """``out = load + sum over 26 springs of w (u_m - u_n)`` for one column."""
+    """``out = load + sum over 26 springs of w (u_m - u_n)`` for one column; no load if None."""
     own = modulus[i, j]
     here = u[i, j]
-    column_load = load[i, j]
-    for k in range(first, last):
-        out[k] = column_load[k]
+    if load is None:
+        for k in range(first, last):
+            out[k] = 0.0
+    else:
+        column_load = load[i, j]
+        for k in range(first, last):
+            out[k] = column_load[k]
     for di in range(-1, 2):
         for dj in range(-1, 2):
             other = modulus[i + di, j + dj]
@@ -44,16 +48,19 @@ def _column_residual(modulus, u, load, i, j, first, last, out):
 
 @contracting_parallel_kernel
 def lattice_residual(modulus, span, free, u, load, out):
-    """``out = free * (load - A u)``: net force on each free node, lattice units x kPa."""
+    """``out = free * (load - A u)``: net force on each free node, lattice units x kPa.
+
+    It is summed in the precision of `u`, whatever that of `out`.
+    """
     for i in prange(1, u.shape[0] - 1):
+        force = np.empty(u.shape[2], u.dtype)
         for j in range(1, u.shape[1] - 1):
             first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
             if first < last:
-                row = out[i, j]
-                _column_residual(modulus, u, load, i, j, first, last, row)
-                mask = free[i, j]
+                _column_residual(modulus, u, load, i, j, first, last, force)
+                row, mask = out[i, j], free[i, j]
                 for k in range(first, last):
-                    row[k] *= mask[k]
+                    row[k] = mask[k] * force[k]
 
 
 @contracting_parallel_kernel
@@ -187,7 +194,7 @@ def _add_stretch_loads(own, other, total, cells, a, b, first, last, row_x, row_y
 def update_contact(u, force, diagonal, free, bounded, axis, lower, upper, contact):
     """Set which nodes an obstacle holds, and put them on it.
 
-    Along `axis` a free node where `bounded` is true must keep ``lower <= rest + u <= upper``,
+    Along `axis` a free node where `bounded` is odd must keep ``lower <= rest + u <= upper``,
     `rest` being its index. It is held where its local equilibrium, ``u + force / diagonal``, lies
     beyond. `contact` becomes -1 (at `lower`), 0 or 1 (at `upper`).
 
@@ -201,7 +208,7 @@ def update_contact(u, force, diagonal, free, bounded, axis, lower, upper, contac
         for j in range(1, u.shape[1] - 1):
             for k in range(1, u.shape[2] - 1):
                 state = 0
-                if bounded[i, j, k] and free[i, j, k] > 0.0 and diagonal[i, j, k] > 0.0:
+                if bounded[i, j, k] & 1 and free[i, j, k] > 0.0:
                     rest = i if axis == 0 else (j if axis == 1 else k)
                     place = rest + u[i, j, k] + force[i, j, k] / diagonal[i, j, k]
                     if place > upper:
@@ -213,4 +220,34 @@ def update_contact(u, force, diagonal, free, bounded, axis, lower, upper, contac
                 if state != contact[i, j, k]:
                     changes[i] += 1
                     contact[i, j, k] = state
+    return changes.sum()
+
+
+@parallel_kernel
+def follow_edge(ux, free, edge, leaving, state):
+    """Update which nodes lie between the plates, by their place along x.
+
+    Bits of `state`: 1 between the plates, 2 has been out again, 4 has returned and stays. A node
+    comes in beyond `edge` and out `leaving` behind it.
+
+    Returns
+    -------
+    int
+        Number of nodes that came in or out.
+    """
+    changes = np.zeros(ux.shape[0], np.int64)
+    for i in prange(1, ux.shape[0] - 1):
+        for j in range(1, ux.shape[1] - 1):
+            for k in range(1, ux.shape[2] - 1):
+                if free[i, j, k] == 0.0:
+                    continue
+                before = state[i, j, k]
+                after = before
+                if i + ux[i, j, k] > edge:
+                    after |= 5 if before & 2 else 1
+                elif i + ux[i, j, k] <= edge - leaving and before & 1 and not before & 4:
+                    after = (before | 2) & ~1
+                if after != before:
+                    changes[i] += 1
+                    state[i, j, k] = after
     return changes.sum()

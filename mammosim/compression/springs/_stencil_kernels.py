@@ -17,11 +17,15 @@ _ONE = np.uint64(1)
 
 @contracting_kernel
 def _row_residual(stencil, u, load, i, j, out):
-    """``out = load - A u`` for one row along z."""
+    """``out = load - A u`` for one row along z; no load if None."""
     last = np.uint64(u.shape[2] - 1)
-    here, column_load, centre = u[i, j], load[i, j], stencil[0, i, j]
+    here, centre = u[i, j], stencil[0, i, j]
     for k in range(_ONE, last):
-        out[k] = column_load[k] - centre[k] * here[k]
+        out[k] = -centre[k] * here[k]
+    if load is not None:
+        column_load = load[i, j]
+        for k in range(_ONE, last):
+            out[k] += column_load[k]
     for offset in range(1, 14):
         flat = offset + 13
         di, dj, dk = flat // 9 - 1, (flat // 3) % 3 - 1, flat % 3 - 1

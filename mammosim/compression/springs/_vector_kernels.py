@@ -37,7 +37,8 @@ def scale_and_add(factor, a, out):
         for j in range(out.shape[1]):
             row_a, row = a[i, j], out[i, j]
             for k in range(row.size):
-                row[k] = row_a[k] + factor * row[k]
+                # Not factor * row alone: 0 * what an earlier call left might be NaN.
+                row[k] = row_a[k] + factor * row[k] if factor != 0.0 else row_a[k]
 
 
 @parallel_kernel

@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from mammosim.compression.springs import _lattice_kernels as lattice
 from mammosim.compression.springs import _vector_kernels as vectors
-from mammosim.compression.springs.multigrid import LatticeLevel, Multigrid, conjugate_gradients
+from mammosim.compression.springs.multigrid import (
+    LatticeLevel,
+    Multigrid,
+    Workspace,
+    conjugate_gradients,
+)
 from mammosim.compression.springs.problem import CHEST_WALL_INDEX, SpringProblem, SpringState
 from mammosim.compression.springs.resolution import Displacement, coarsened, interpolated
 
@@ -41,7 +46,10 @@ REDUCTION = 0.05
 """Part of the error that one axis keeps in a round: one step or two of conjugate gradients."""
 
 LEAVING = 0.5
-"""How far behind the plates' edge a node must be to have come out, lattice units."""
+"""How far behind the plates' edge a node must be to have come out, lattice units. A node near the
+edge may be pulled out from between the plates by what they do to it, and back in by what they then
+do not: for such a node no equilibrium exists. One that returns therefore stays for good, so that
+nothing ever passes through the plates."""
 
 STALE_PART = 0.1
 """Of the held nodes may change before the coarse operators are made anew."""
@@ -120,27 +128,29 @@ class _Run:
         lattice.lattice_diagonal(problem.modulus, span, diagonal)
         free = (problem.tissue & ~problem.fixed).astype(np.float32)
         level = LatticeLevel(problem.modulus, span, diagonal, free)
-        unheld, error, converged, interrupted = Multigrid(level), np.inf, False, False
-        along_x = _Axis("x", level, unheld, CHEST_WALL_INDEX, np.inf)
-        along_y = _Axis("y", level, unheld, -np.inf, np.inf)
-        along_z = _Axis("z", level, unheld, problem.lower, problem.upper)
-        plates, stretch = _UnderPlates(problem, ux), np.zeros(ux.shape)
+        unheld, error, converged, interrupted = Multigrid(level, Workspace()), np.inf, False, False
+        load_x, load_y, stretch = (np.zeros(ux.shape, np.float32) for _ in range(3))
+        along_x = _Axis("x", level, unheld, load_x, CHEST_WALL_INDEX, np.inf)
+        along_y = _Axis("y", level, unheld, load_y, -np.inf, np.inf)
+        along_z = _Axis("z", level, unheld, None, problem.lower, problem.upper)
+        everywhere, between = free.astype(np.uint8), np.zeros(ux.shape, np.uint8)
+        sliding = lattice.follow_edge(ux, free, problem.edge, LEAVING, between)
         try:
             for _ in range(self.max_rounds):
-                error, changes = self._balance(along_z, uz, plates.nodes)
+                error, changes = self._balance(along_z, uz, between)
                 lattice.cell_stretch(problem.modulus, uz, stretch)
-                lattice.stretch_loads(problem.modulus, span, stretch, along_x.load, along_y.load)
-                error_x, changes_x = self._balance(along_x, ux, problem.tissue)
+                lattice.stretch_loads(problem.modulus, span, stretch, load_x, load_y)
+                error_x, changes_x = self._balance(along_x, ux, everywhere)
                 error = max(error, error_x)
-                settled = plates.settled and changes == changes_x == 0
+                settled = sliding == changes == changes_x == 0
                 if settled and error <= self.tolerance:
                     converged = True
                     break
-                plates.follow(ux)
+                sliding = lattice.follow_edge(ux, free, problem.edge, LEAVING, between)
         except KeyboardInterrupt:
             interrupted, self.watch = True, None
         for _ in range(1 if interrupted else self.max_rounds):  # y decides nothing else
-            error_y, _ = self._balance(along_y, uy, problem.tissue)
+            error_y, _ = self._balance(along_y, uy, everywhere)
             if error_y <= self.tolerance:
                 break
         error = max(error, error_y)
@@ -149,7 +159,7 @@ class _Run:
         return SpringState((ux, uy, uz), converged, error, history, interrupted)
 
     def _balance(
-        self, axis: _Axis, u: NDArray[np.float64], bounded: NDArray[np.bool_]
+        self, axis: _Axis, u: NDArray[np.float64], bounded: NDArray[np.uint8]
     ) -> tuple[float, int]:
         """Move one axis towards equilibrium.
 
@@ -160,9 +170,9 @@ class _Run:
         changes : int
             How many nodes came under an obstacle's hold or left it.
         """
-        changes = axis.hold(u, bounded)
+        changes, force = axis.hold(u, bounded)
         correction, error = conjugate_gradients(
-            axis.multigrid, axis.force.astype(np.float32), 0.5 * self.tolerance, REDUCTION, 3
+            axis.multigrid, force, 0.5 * self.tolerance, REDUCTION, 3
         )
         vectors.add_scaled(1.0, correction, u)
         nodes = np.count_nonzero(self.problem.modulus)
@@ -173,52 +183,27 @@ class _Run:
         return error, changes
 
 
-class _UnderPlates:
-    """Which nodes lie between the plates, by their current x.
-
-    A node near the plates' edge may be pulled out from between them by what they do to it, and
-    back in by what they then do not: for such a node no equilibrium exists. A node therefore
-    leaves only where it has come out by `LEAVING`, and one that returns is held between the plates
-    for good, so that nothing ever passes through them.
-    """
-
-    def __init__(self, problem: SpringProblem, ux: NDArray[np.float64]) -> None:
-        self._problem = problem
-        self._left = np.zeros(ux.shape, bool)
-        self._returned = np.zeros(ux.shape, bool)
-        self.nodes = self._beyond_edge(ux)
-        self.settled = False
-
-    def follow(self, ux: NDArray[np.float64]) -> None:
-        """Update the set after the nodes have moved."""
-        beyond = self._beyond_edge(ux)
-        out = self.nodes & ~self._beyond_edge(ux + LEAVING)
-        self._returned |= beyond & self._left
-        self._left |= out
-        now = (self.nodes & ~out) | beyond | self._returned
-        self.settled = bool(np.array_equal(now, self.nodes))
-        self.nodes = now
-
-    def _beyond_edge(self, ux: NDArray[np.float64]) -> NDArray[np.bool_]:
-        index = np.arange(ux.shape[0], dtype=np.float64)[:, None, None]
-        return (index + ux > self._problem.edge) & self._problem.tissue
-
-
 class _Axis:
     """One component: its load, the nodes an obstacle holds, and the multigrid without them."""
 
     def __init__(
-        self, name: str, base: LatticeLevel, unheld: Multigrid, lower: float, upper: float
+        self,
+        name: str,
+        base: LatticeLevel,
+        unheld: Multigrid,
+        load: NDArray[np.float32] | None,
+        lower: float,
+        upper: float,
     ) -> None:
-        shape = base.modulus.shape
         self.name = name
-        self._base, self._unheld, self._bounds = base, unheld, (lower, upper)
-        self._contact = np.zeros(shape, np.int8)
-        self.load, self.force = np.zeros(shape), np.zeros(shape)
+        self._base, self._unheld, self._load, self._bounds = base, unheld, load, (lower, upper)
+        self._contact = np.zeros(base.modulus.shape, np.int8)
         self.held = 0
         self.multigrid = unheld
 
-    def hold(self, u: NDArray[np.float64], bounded: NDArray[np.bool_]) -> int:
+    def hold(
+        self, u: NDArray[np.float64], bounded: NDArray[np.uint8]
+    ) -> tuple[int, NDArray[np.floating]]:
         """Find the nodes that an obstacle holds, and the force on all others.
 
         A few changes are left to the finest level: coarse operators that are a little out of date
@@ -226,14 +211,20 @@ class _Axis:
 
         Returns
         -------
-        int
+        changes : int
             How many nodes came under an obstacle's hold or left it.
+        force : ndarray of float32
+            Work space.
         """
-        base, direction = self._base, "xyz".index(self.name)
-        base.residual(u, self.load, self.force)
+        base, workspace = self._base, self.multigrid.workspace
+        force = workspace.array("force", u.shape)
+        base.residual(u, self._load, force)
+        if not np.isfinite(self._bounds).any():
+            return 0, force
+        direction = "xyz".index(self.name)
         changes = int(
             lattice.update_contact(
-                u, self.force, base.diagonal, base.free, bounded, direction, *self._bounds,
+                u, force, base.diagonal, base.free, bounded, direction, *self._bounds,
                 self._contact,
             )
         )  # fmt: skip
@@ -242,9 +233,9 @@ class _Axis:
             free = base.free * (self._contact == 0)
             finest = LatticeLevel(base.modulus, base.span, base.diagonal, free)
             if self.multigrid is self._unheld or changes > STALE_PART * self.held:
-                self.multigrid = Multigrid(finest)
+                self.multigrid = Multigrid(finest, workspace)
             else:
                 self.multigrid.replace_finest(finest)
         if self.held:
-            self.multigrid.finest.residual(u, self.load, self.force)
-        return changes
+            self.multigrid.finest.residual(u, self._load, force)
+        return changes, force

@@ -84,12 +84,12 @@ def volume_measures(
 
 def _contact(
     problem: SpringProblem, state: SpringState
-) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
+) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
     """Which plate holds each node, and the springs' force on it along z, kPa x lattice units."""
     uz = state.displacement[2]
-    force = np.zeros(uz.shape)
+    force = np.zeros(uz.shape, np.float32)
     free = (problem.tissue & ~problem.fixed).astype(np.float32)
-    lattice.lattice_residual(problem.modulus, problem.span(), free, uz, np.zeros(uz.shape), force)
+    lattice.lattice_residual(problem.modulus, problem.span(), free, uz, None, force)
     z = np.arange(uz.shape[2]) + uz
     contact = np.zeros(uz.shape, np.int8)
     contact[(z >= problem.upper - TOUCH_VOXEL) & (force > 0.0)] = 1

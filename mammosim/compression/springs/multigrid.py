@@ -9,7 +9,6 @@ finest level stores no springs.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -62,7 +61,7 @@ class LatticeLevel:
     free: Field
     largest_eigenvalue: ClassVar[float] = LATTICE_EIGENVALUE
 
-    def residual(self, u: Field, load: Field, out: Field) -> None:
+    def residual(self, u: Field, load: Field | None, out: Field) -> None:
         """``out = free * (load - A u)``."""
         lattice.lattice_residual(self.modulus, self.span, self.free, u, load, out)
 
@@ -104,7 +103,7 @@ class StencilLevel:
         span[1:-1, 1:-1] = (1, diagonal.shape[2] - 1)
         return cls(stencil, span, diagonal, (diagonal > 0.0).astype(np.float32))
 
-    def residual(self, u: Field, load: Field, out: Field) -> None:
+    def residual(self, u: Field, load: Field | None, out: Field) -> None:
         """``out = load - A u``."""
         stencils.stencil_residual(self.stencil, u, load, out)
 
@@ -136,22 +135,33 @@ def coarse_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple((n - 2) // 2 + 3 for n in shape)
 
 
+class Workspace:
+    """Arrays that hierarchies of one lattice share, since only one of them works at a time."""
+
+    def __init__(self) -> None:
+        self._arrays: dict[tuple[str, tuple[int, ...]], Field] = {}
+
+    def array(self, name: str, shape: tuple[int, ...]) -> Field:
+        """The array of a name and shape; zero where nothing has written."""
+        return self._arrays.setdefault((name, shape), np.zeros(shape, np.float32))
+
+
 class Multigrid:
-    """A hierarchy of levels with its work space; `precondition` is one V-cycle.
+    """A hierarchy of levels; `precondition` is one V-cycle.
 
     Parameters
     ----------
     finest : LatticeLevel
+    workspace : Workspace
     """
 
-    def __init__(self, finest: LatticeLevel) -> None:
+    def __init__(self, finest: LatticeLevel, workspace: Workspace) -> None:
+        self.workspace = workspace
         self.levels: list[Level] = [finest]
         while np.count_nonzero(self.levels[-1].free) > COARSEST_NODES:
             self.levels.append(self.levels[-1].coarsened())
         self._factors = [_chebyshev_factors(level.largest_eigenvalue) for level in self.levels]
         self._scale = [_inverse_where(level.free, level.diagonal) for level in self.levels]
-        self._work = [[np.zeros_like(level.diagonal) for _ in range(4)] for level in self.levels]
-        self._loads = [np.zeros_like(level.diagonal) for level in self.levels[1:]]
         self._nodes = np.flatnonzero(self.levels[-1].free)
         matrix = _dense(self.levels[-1], self._nodes)
         # Held nodes can leave coarse functions linearly dependent; their difference is then moot.
@@ -173,21 +183,24 @@ class Multigrid:
         return self._cycle(0, load)
 
     def _cycle(self, number: int, load: Field) -> Field:
-        level, scale = self.levels[number], self._scale[number]
-        u, spare, step, residual = self._work[number]
+        level, scale, shape = self.levels[number], self._scale[number], load.shape
+        u = self.workspace.array("u", shape)
         if number == len(self.levels) - 1:
             solution = scipy.linalg.cho_solve(self._factor, load.reshape(-1)[self._nodes])
+            u.fill(0.0)
             u.reshape(-1)[self._nodes] = solution
             return u
+        spare, step = (self.workspace.array(name, shape) for name in ("spare", "step"))
         (_, first_gain), (keep, gain) = self._factors[number]
-        vectors.scaled_rows(scale, load, np.float32(first_gain), step)
+        vectors.scaled_rows(scale, load, first_gain, step)
         spare[...] = step
         level.smooth(scale, spare, load, keep, gain, step, u)
-        level.residual(u, load, residual)
-        stencils.restrict(residual, self._loads[number])
-        correction = self._cycle(number + 1, self._loads[number])
+        level.residual(u, load, spare)
+        coarse_load = self.workspace.array("load", coarse_shape(shape))
+        stencils.restrict(spare, coarse_load)
+        correction = self._cycle(number + 1, coarse_load)
         stencils.add_interpolated(correction, level.span, level.free, u)
-        level.smooth(scale, u, load, np.float32(0.0), np.float32(first_gain), step, spare)
+        level.smooth(scale, u, load, np.float32(0.0), first_gain, step, spare)
         level.smooth(scale, spare, load, keep, gain, step, u)
         return u
 
@@ -213,10 +226,9 @@ def _dense(level: Level, nodes: NDArray[np.intp]) -> NDArray[np.float64]:
     """Matrix among `nodes` of a level, a column a unit vector."""
     matrix = np.empty((nodes.size, nodes.size))
     unit, out = np.zeros_like(level.diagonal), np.zeros_like(level.diagonal)
-    nothing = np.zeros_like(level.diagonal)
     for column, node in enumerate(nodes):
         unit.reshape(-1)[node] = -1.0
-        level.residual(unit, nothing, out)
+        level.residual(unit, None, out)
         matrix[:, column] = out.reshape(-1)[nodes]
         unit.reshape(-1)[node] = 0.0
     return matrix
@@ -228,7 +240,6 @@ def conjugate_gradients(
     tolerance: float,
     reduction: float,
     max_iterations: int,
-    after: Callable[[int, float], None] | None = None,
 ) -> tuple[Field, float]:
     """Displacement that balances a force, by conjugate gradients with a V-cycle before each step.
 
@@ -243,31 +254,32 @@ def conjugate_gradients(
     reduction : float
         Or where that estimate is below this part of its first value.
     max_iterations : int
-    after : callable, optional
-        Called with iteration and error estimate.
 
     Returns
     -------
     correction : ndarray of float32
+        Work space; the last answer of the V-cycle is in it too.
     error : float
-        Last error estimate, lattice units.
+        Last error estimate, from before that answer was added, lattice units.
     """
-    correction, direction, image = (np.zeros_like(force) for _ in range(3))
-    nothing = np.zeros_like(force)
+    correction, direction, image = (
+        multigrid.workspace.array(name, force.shape)
+        for name in ("correction", "direction", "image")
+    )
+    correction.fill(0.0)
     previous, error, goal = 0.0, np.inf, tolerance
     for iteration in range(max_iterations + 1):
         guess = multigrid.precondition(force)
         error = vectors.largest(guess)
         if iteration == 0:
             goal = max(tolerance, reduction * error)
-        if after is not None:
-            after(iteration, error)
         if error <= goal or iteration == max_iterations:
+            vectors.add_scaled(np.float32(1.0), guess, correction)
             break
         product = vectors.dot(force, guess)
         ratio = product / previous if iteration else 0.0
         vectors.scale_and_add(np.float32(ratio), guess, direction)
-        multigrid.finest.residual(direction, nothing, image)  # image = -A direction
+        multigrid.finest.residual(direction, None, image)  # image = -A direction
         length = -product / vectors.dot(direction, image)
         vectors.add_scaled(np.float32(length), direction, correction)
         vectors.add_scaled(np.float32(length), image, force)
