@@ -31,7 +31,7 @@ def read_phantom(
     Parameters
     ----------
     path : path
-        MHD with its raw file, MHA, NRRD, NIfTI, NPY or NPZ.
+        MHD with its raw file, MHA, NRRD, NIfTI, NPY, NPZ, or the thesis' own BIN.
     labels : str, optional
         Name of a label map, or path of a YAML file with one; mammosim's own by default.
     laterality : {"L", "R"}, optional

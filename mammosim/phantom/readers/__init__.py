@@ -10,6 +10,7 @@ from mammosim.phantom.readers.itk import read_itk
 from mammosim.phantom.readers.metaimage import read_metaimage
 from mammosim.phantom.readers.nifti import read_nifti
 from mammosim.phantom.readers.numpy_files import read_npy, read_npz
+from mammosim.phantom.readers.thesis import read_thesis
 from mammosim.phantom.readers.volume import Volume
 
 READERS: dict[str, Callable[[Path], Volume]] = {
@@ -21,6 +22,7 @@ READERS: dict[str, Callable[[Path], Volume]] = {
     ".nii.gz": read_nifti,
     ".npy": read_npy,
     ".npz": read_npz,
+    ".bin": read_thesis,
 }
 """Reader of each known ending."""
 

@@ -1,0 +1,96 @@
+"""The input file of the thesis that the spring model comes from: a cube of 16-bit codes.
+
+The file has no header. Its `inputRead` (appendix of the thesis) takes the side of the cube from the
+file's length, reads little-endian codes in the order x, z, y with y fastest, takes every code that
+it does not know for fat, and crops the cube to the box around all tissue.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.errors import InputError
+from mammosim.phantom.readers.volume import Volume
+from mammosim.tissues import LABEL_MAPS
+
+AIR, FAT = 220, 203
+"""Codes of air and of fat."""
+
+VOXEL_MM = 1.0
+"""The thesis' own estimate of its unit, from a small breast of 6 x 13 x 12 cm (section 3.1)."""
+
+
+def read_thesis(path: Path) -> Volume:
+    """Read the thesis' input file.
+
+    Parameters
+    ----------
+    path : path
+        220 air, 203 fat, 216 gland, 201 abnormality; all other codes are fat, which is noted.
+
+    Returns
+    -------
+    Volume
+        Codes of the label map `thesis`, cropped to the tissue, voxels of 1 mm.
+
+    Raises
+    ------
+    InputError
+        If the file is not a cube of 2-byte codes, or holds nothing but air.
+
+    Notes
+    -----
+    The thesis counts x from the nipple to the chest wall: that axis is turned round. It does not
+    say which way y goes; y is taken as towards the patient's left, z as superior.
+
+    Positions are the thesis' own where it has any: z in mm is its z index in the cropped cube, so
+    that `LowerPlate` and `UpperPlate` are `support_z_mm` and `paddle_z_mm`; x = 0 is the
+    chest-wall layer, its index Nx - 1; y = 0 is the middle.
+    """
+    codes = _read_cube(path)
+    inner = _cropped(codes, path)
+    # [x, z, y] from the nipple -> [x, y, z] from the chest wall
+    values = inner.transpose(0, 2, 1)[::-1]
+    notes = [
+        f"{path.name} says no voxel size and position: {VOXEL_MM:g} mm was taken, x from the chest "
+        "wall, z as in the file, y towards the patient's left"
+    ]
+    unknown = ~np.isin(values, list(LABEL_MAPS["thesis"]))
+    if unknown.any():
+        found = ", ".join(str(code) for code in np.unique(values[unknown])[:20])
+        notes.append(
+            f"{int(unknown.sum())} voxels of {path.name} hold codes that the thesis does not name "
+            f"({found}): taken as fat, as it does"
+        )
+        values = np.where(unknown, np.int16(FAT), values)
+    origin = np.array([0.0, -0.5 * (values.shape[1] - 1) * VOXEL_MM, 0.0])
+    return Volume(values, np.full(3, VOXEL_MM), origin, tuple(notes))
+
+
+def _read_cube(path: Path) -> NDArray[np.int16]:
+    size = path.stat().st_size
+    side = round((size / 2) ** (1 / 3))
+    if side == 0 or 2 * side**3 != size:
+        near = max(side, 1)
+        raise InputError(
+            f"{path}: holds {size} bytes, expected a cube of 2-byte codes as the thesis' input "
+            f"file ({2 * near**3} bytes for a side of {near})"
+        )
+    return np.fromfile(path, "<i2").reshape(side, side, side)
+
+
+def _cropped(codes: NDArray[np.int16], path: Path) -> NDArray[np.int16]:
+    """The box around all that is not air."""
+    tissue = codes != AIR
+    if not tissue.any():
+        raise InputError(f"{path}: holds no tissue, every code is {AIR} (air)")
+    box = []
+    for axis in range(3):
+        layers = np.flatnonzero(
+            tissue.any(axis=tuple(other for other in range(3) if other != axis))
+        )
+        box.append(slice(int(layers[0]), int(layers[-1]) + 1))
+    return codes[tuple(box)]
