@@ -4,6 +4,7 @@ from mammosim.export.atomic import whole_file, write_json, write_text
 from mammosim.export.dicom import write_dicom
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask, label_image, lesion_masks
+from mammosim.export.matlab import write_matlab
 from mammosim.export.pictures import (
     write_glandular_tiff,
     write_lesion_tiff,
@@ -42,6 +43,7 @@ __all__ = [
     "write_lesion_tiff",
     "write_lesions",
     "write_mammogram_tiff",
+    "write_matlab",
     "write_path_lengths",
     "write_preview",
     "write_segmentation",

@@ -25,6 +25,9 @@ class ExportSettings(Settings):
     volumes: bool = True
     """Write the compressed labels and the displacement field as NIfTI volumes."""
 
+    matlab: bool = False
+    """Write the compressed lattice, its tissue, measures and convergence as one MATLAB file."""
+
     path_lengths: bool = False
     """Write the path length of every tissue at every pixel, in mm, as one NumPy archive."""
 

@@ -14,6 +14,7 @@ from mammosim.compression import CompressedBreast
 from mammosim.export.dicom import write_dicom
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import lesion_masks
+from mammosim.export.matlab import write_matlab
 from mammosim.export.pictures import (
     write_glandular_tiff,
     write_lesion_tiff,
@@ -60,6 +61,8 @@ def write_compressed(
     folder = Path(folder)
     write_compression(squeezed, folder / "compression.json")
     write_convergence(squeezed.history, folder / "convergence.csv")
+    if settings.matlab:
+        write_matlab(squeezed, folder / "springs.mat")
     if not settings.volumes:
         return
     write_displacement(squeezed.field, folder / "displacement.nii.gz")
