@@ -1,11 +1,13 @@
 """The source thesis' experiments, run again: compression, decompression, starts, time.
 
     python benchmarks/thesis.py [compression reverse starts] [--quick] [--page]
+    python benchmarks/thesis.py --phantom breast.bin
 
 Each experiment writes its figures to docs/explanation/thesis/results.json as soon as it is done,
 so that they can be run one by one; without a name all are run, about 45 minutes on one core.
 --quick runs them on a lattice of 0.3 times the size, in a minute, and prints them instead. --page
-makes docs/explanation/thesis.md and its pictures anew from what results.json holds.
+makes docs/explanation/thesis.md and its pictures anew from what results.json holds. --phantom
+writes the stand-in for the thesis' breast as an input file of the thesis, for configs/thesis.
 """
 
 from __future__ import annotations
@@ -279,6 +281,16 @@ def starts(scale: float) -> dict[str, Any]:
     return {"case": MIDDLE_CASE, "series": series_distance, "guesses": results}
 
 
+def write_phantom(path: Path) -> None:
+    """Write the half-ellipsoid as a cube of 16-bit codes in the order x, z, y, nipple at x = 0."""
+    inner = half_ellipsoid().modulus[1:-1, 1:-1, 1:-1]
+    codes = np.full((max(inner.shape),) * 3, 220, "<i2")
+    here = codes[: inner.shape[0], : inner.shape[2], : inner.shape[1]]
+    for code, modulus in ((203, 4.5), (216, 15.0), (201, ABNORMALITY_KPA)):
+        here[(inner == np.float32(modulus))[::-1].transpose(0, 2, 1)] = code
+    codes.tofile(path)
+
+
 EXPERIMENTS = {"compression": compression, "reverse": reverse, "starts": starts}
 
 
@@ -303,7 +315,11 @@ def main() -> None:
         "--quick", action="store_true", help="a small lattice; prints, saves nothing"
     )
     parser.add_argument("--page", action="store_true", help="make the page and its pictures")
+    parser.add_argument("--phantom", type=Path, help="write the breast as the thesis' input file")
     arguments = parser.parse_args()
+    if arguments.phantom:
+        write_phantom(arguments.phantom)
+        return
     unknown = set(arguments.experiments) - set(EXPERIMENTS)
     if unknown:
         parser.error(f"{', '.join(sorted(unknown))}: expected {', '.join(EXPERIMENTS)}")
@@ -311,15 +327,16 @@ def main() -> None:
     warm = half_ellipsoid(0.2)
     relax(warm, max_sweeps=2)
     equilibrium(half_ellipsoid(0.4), 1e-3)
+    found: dict[str, Any] = {}
     for name in names:
         begin = time.perf_counter()
-        found = EXPERIMENTS[name](0.3 if arguments.quick else 1.0)
-        if arguments.quick:
-            json.dump({name: found}, sys.stdout, indent=1)
-        else:
-            saved = json.loads(RESULTS.read_text()) if RESULTS.is_file() else {}
-            write_json(RESULTS, {**saved, "machine": machine(), name: found})
+        found[name] = EXPERIMENTS[name](0.3 if arguments.quick else 1.0)
         print(f"{name}: {time.perf_counter() - begin:.0f} s", file=sys.stderr)
+        if not arguments.quick:
+            saved = json.loads(RESULTS.read_text()) if RESULTS.is_file() else {}
+            write_json(RESULTS, {**saved, "machine": machine(), name: found[name]})
+    if arguments.quick:
+        print(json.dumps({"machine": machine(), **found}, indent=1))
     if arguments.page:
         from thesis_page import write_page
 

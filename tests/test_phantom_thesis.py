@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from mammosim.errors import InputError
-from mammosim.phantom import read_phantom
+from mammosim.phantom import PhantomSettings, read_phantom
+from mammosim.phantom.size import expected_voxels
 from mammosim.pipeline import load_config
 
 CASES = sorted((Path(__file__).parents[1] / "configs" / "thesis").glob("*.yaml"))
@@ -75,6 +76,14 @@ def test_what_is_no_cube_is_refused(tmp_path, size):
     path.write_bytes(bytes(size))
     with pytest.raises(InputError, match=rf"holds {size} bytes, expected a cube of 2-byte codes"):
         read_phantom(path, labels="thesis")
+
+
+def test_the_size_is_known_from_the_files_length(tmp_path):
+    path = save_cube(tmp_path / "b.bin", cube_of_tissue())
+    assert expected_voxels(PhantomSettings(file=str(path))) == (12**3, 1.0)
+    path.write_bytes(bytes(100))
+    with pytest.raises(InputError, match="holds 100 bytes, expected a cube"):
+        expected_voxels(PhantomSettings(file=str(path)))
 
 
 def test_only_air_is_refused(tmp_path):

@@ -10,6 +10,7 @@ import SimpleITK as sitk
 
 from mammosim.errors import InputError
 from mammosim.phantom.readers import READERS
+from mammosim.phantom.readers.thesis import VOXEL_MM, cube_side
 from mammosim.phantom.settings import PhantomSettings
 
 LARGEST_DRAWN_ML = 900.0
@@ -49,6 +50,8 @@ def expected_voxels(settings: PhantomSettings) -> tuple[int, float]:
 
 
 def _header(path: Path) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    if path.suffix.lower() == ".bin":
+        return (cube_side(path),) * 3, (VOXEL_MM,) * 3
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
     reader.ReadImageInformation()

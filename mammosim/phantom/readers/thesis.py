@@ -50,8 +50,8 @@ def read_thesis(path: Path) -> Volume:
     that `LowerPlate` and `UpperPlate` are `support_z_mm` and `paddle_z_mm`; x = 0 is the
     chest-wall layer, its index Nx - 1; y = 0 is the middle.
     """
-    codes = _read_cube(path)
-    inner = _cropped(codes, path)
+    side = cube_side(path)
+    inner = _cropped(np.fromfile(path, "<i2").reshape(side, side, side), path)
     # [x, z, y] from the nipple -> [x, y, z] from the chest wall
     values = inner.transpose(0, 2, 1)[::-1]
     notes = [
@@ -70,7 +70,14 @@ def read_thesis(path: Path) -> Volume:
     return Volume(values, np.full(3, VOXEL_MM), origin, tuple(notes))
 
 
-def _read_cube(path: Path) -> NDArray[np.int16]:
+def cube_side(path: Path) -> int:
+    """Side of the cube that a file of this format holds, from its length.
+
+    Raises
+    ------
+    InputError
+        If no cube of 2-byte codes has this length.
+    """
     size = path.stat().st_size
     side = round((size / 2) ** (1 / 3))
     if side == 0 or 2 * side**3 != size:
@@ -79,7 +86,7 @@ def _read_cube(path: Path) -> NDArray[np.int16]:
             f"{path}: holds {size} bytes, expected a cube of 2-byte codes as the thesis' input "
             f"file ({2 * near**3} bytes for a side of {near})"
         )
-    return np.fromfile(path, "<i2").reshape(side, side, side)
+    return side
 
 
 def _cropped(codes: NDArray[np.int16], path: Path) -> NDArray[np.int16]:
