@@ -7,15 +7,23 @@ bits whatever the machine's vector width and number of threads.
 
 `contracting_kernel` and `contracting_parallel_kernel` also let the compiler fuse a multiplication
 and the addition that follows it, which is twice as fast in stencils and keeps NaN and infinity as
-they are.
+they are. `sized_kernel` is the latter two in one: sequential for small arrays.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import wraps
+from types import FunctionType
 from typing import Any
 
 import numba
+import numpy as np
+
+PARALLEL_BYTES = 2_000_000
+"""Arrays that a `sized_kernel` is given must be larger than this together to be worth waking the
+threads: a stencil passes through 2 MB in about 0.2 ms, and a loaded machine may take several
+milliseconds to start a thread."""
 
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
@@ -38,3 +46,31 @@ def contracting_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 def contracting_parallel_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a parallel kernel with fused multiply-add."""
     return numba.njit(parallel=True, fastmath={"contract"}, **_OPTIONS)(function)
+
+
+def sized_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a kernel with fused multiply-add twice, and run it on all threads where it pays.
+
+    Coarse levels call kernels thousands of times on arrays of a few kilobytes. Results do not
+    depend on which of the two runs. It is called from Python only, not from other kernels.
+    """
+    parallel = contracting_parallel_kernel(function)
+    sequential = contracting_kernel(_renamed(function, "_sequential"))
+
+    @wraps(function)
+    def run(*arguments: Any) -> Any:
+        size = sum(part.nbytes for part in arguments if isinstance(part, np.ndarray))
+        return (parallel if size > PARALLEL_BYTES else sequential)(*arguments)
+
+    return run
+
+
+def _renamed(function: Callable[..., Any], suffix: str) -> Callable[..., Any]:
+    """A copy under another name, since Numba's cache on disk tells functions by their names."""
+    copy = FunctionType(
+        function.__code__, function.__globals__, function.__name__ + suffix,
+        function.__defaults__, function.__closure__,
+    )  # fmt: skip
+    copy.__qualname__ = function.__qualname__ + suffix
+    copy.__module__ = function.__module__
+    return copy

@@ -10,7 +10,7 @@ index lies half-way between two coarse ones (trilinear interpolation).
 import numpy as np
 from numba import prange
 
-from mammosim._jit import contracting_kernel, contracting_parallel_kernel
+from mammosim._jit import contracting_kernel, sized_kernel
 
 _ONE = np.uint64(1)
 
@@ -37,7 +37,7 @@ def _row_residual(stencil, u, load, i, j, out):
             out[k] -= own[k] * ahead[k + shift - _ONE] + other[back] * behind[back]
 
 
-@contracting_parallel_kernel
+@sized_kernel
 def stencil_residual(stencil, u, load, out):
     """``out = load - A u``."""
     for i in prange(1, u.shape[0] - 1):
@@ -45,7 +45,7 @@ def stencil_residual(stencil, u, load, out):
             _row_residual(stencil, u, load, i, j, out[i, j])
 
 
-@contracting_parallel_kernel
+@sized_kernel
 def stencil_smooth(stencil, inverse_diagonal, u, load, keep, gain, direction, out):
     """``direction = keep direction + gain D^-1 (load - A u)``; ``out = u + direction``."""
     for i in prange(1, u.shape[0] - 1):
@@ -59,7 +59,7 @@ def stencil_smooth(stencil, inverse_diagonal, u, load, keep, gain, direction, ou
                 row[k] = here[k] + step[k]
 
 
-@contracting_parallel_kernel
+@sized_kernel
 def restrict(fine, out):
     """Transpose of the trilinear interpolation: fine residual to coarse load."""
     for i in prange(1, out.shape[0] - 1):
@@ -90,7 +90,7 @@ def _gather_row(fine, i, j, row):
                     row[k] += weight * source[k]
 
 
-@contracting_parallel_kernel
+@sized_kernel
 def add_interpolated(coarse, span, free, fine):
     """``fine += free * P coarse``."""
     for i in prange(1, fine.shape[0] - 1):
@@ -115,7 +115,7 @@ def add_interpolated(coarse, span, free, fine):
                 fine[i, j, k] += free[i, j, k] * value
 
 
-@contracting_parallel_kernel
+@sized_kernel
 def galerkin_of_lattice(modulus, diagonal, free, out):
     """Stencil of ``P^T A P`` on the first coarse level, A being the lattice among free nodes."""
     for i in prange(1, out.shape[1] - 1):
@@ -124,7 +124,7 @@ def galerkin_of_lattice(modulus, diagonal, free, out):
         _collapse_yz(half, i, out)
 
 
-@contracting_parallel_kernel
+@sized_kernel
 def galerkin_of_stencil(stencil, out):
     """Stencil of ``P^T A P`` on the next coarse level."""
     for i in prange(1, out.shape[1] - 1):

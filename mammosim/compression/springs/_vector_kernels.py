@@ -3,10 +3,10 @@
 import numpy as np
 from numba import prange
 
-from mammosim._jit import contracting_parallel_kernel, parallel_kernel
+from mammosim._jit import sized_kernel
 
 
-@contracting_parallel_kernel
+@sized_kernel
 def slab_dots(a, b, out):
     """``out[i] = sum of a[i] b[i]`` in double precision."""
     for i in prange(a.shape[0]):
@@ -20,7 +20,7 @@ def slab_dots(a, b, out):
         out[i] = total
 
 
-@contracting_parallel_kernel
+@sized_kernel
 def add_scaled(factor, a, out):
     """``out += factor a``."""
     for i in prange(out.shape[0]):
@@ -30,7 +30,7 @@ def add_scaled(factor, a, out):
                 row[k] += factor * row_a[k]
 
 
-@contracting_parallel_kernel
+@sized_kernel
 def scale_and_add(factor, a, out):
     """``out = a + factor out``."""
     for i in prange(out.shape[0]):
@@ -41,7 +41,7 @@ def scale_and_add(factor, a, out):
                 row[k] = row_a[k] + factor * row[k] if factor != 0.0 else row_a[k]
 
 
-@parallel_kernel
+@sized_kernel
 def slab_largest(a, out):
     """``out[i] = largest |a[i]|``."""
     for i in prange(a.shape[0]):
@@ -52,7 +52,7 @@ def slab_largest(a, out):
         out[i] = largest
 
 
-@parallel_kernel
+@sized_kernel
 def scaled_rows(scale, a, factor, out):
     """``out = factor scale a``."""
     for i in prange(out.shape[0]):
