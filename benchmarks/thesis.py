@@ -1,10 +1,10 @@
 """The source thesis' experiments, run again: compression, decompression, starts, time.
 
-    python benchmarks/thesis.py [compression reverse starts] [--quick] [--page]
+    python benchmarks/thesis.py [compression reverse starts times] [--quick] [--page]
     python benchmarks/thesis.py --phantom breast.bin
 
 Each experiment writes its figures to docs/explanation/thesis/results.json as soon as it is done,
-so that they can be run one by one; without a name all are run, about 45 minutes on one core.
+so that they can be run one by one; without a name all are run, about 45 minutes of one core.
 --quick runs them on a lattice of 0.3 times the size, in a minute, and prints them instead. --page
 makes docs/explanation/thesis.md and its pictures anew from what results.json holds. --phantom
 writes the stand-in for the thesis' breast as an input file of the thesis, for configs/thesis.
@@ -59,6 +59,9 @@ REVERSE_STOPS = (100, 250, 500, 1000, 2000, 4000, 6000, 8000)
 TOLERANCES = (0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)
 """Of multigrid, for time against deviation, lattice units."""
 
+TIMED_SWEEPS, TIMED_REPEATS = 30, 3
+"""Sweeps and solutions over which time is taken, as their median."""
+
 EXACT = 1e-5
 """Tolerance of the multigrid solution that stands for the equilibrium, lattice units."""
 
@@ -79,11 +82,9 @@ def follow(
 
     Returns the state, the history's sums [sweep, (x, y, z, nodes)], and one row a stop.
     """
-    sums, rows, seconds, state = np.zeros((0, 4)), [], 0.0, start
+    sums, rows, state = np.zeros((0, 4)), [], start
     for stop in stops:
-        begin = time.perf_counter()
         state = relax(problem, limit, stop - len(sums), seed=1 + len(sums), start=state)
-        seconds += time.perf_counter() - begin
         columns = [f"sum_d{axis}_voxel" for axis in "xyz"] + ["nodes_counted"]
         new = np.stack([state.history[name].astype(float) for name in columns], axis=1)
         sums = np.concatenate([sums, new])
@@ -91,7 +92,6 @@ def follow(
         rows.append(
             {
                 "sweeps": len(sums),
-                "seconds": seconds,
                 "mean": float(left.mean()),
                 "largest": float(left.max()),
                 "axes": axis_means(problem.tissue, state, goal),
@@ -147,7 +147,6 @@ def compress_case(name: str, scale: float) -> dict[str, Any]:
         "tissue_nodes": int(problem.tissue.sum()),
         "converged": state.converged,
         "sweeps": len(sums),
-        "seconds": rows[-1]["seconds"],
         "counted_nodes": int(sums[-1, 3]),
         "stops": rows,
         "counted_distance": axis_means(counted_nodes(problem, state), state, exact.displacement),
@@ -155,7 +154,6 @@ def compress_case(name: str, scale: float) -> dict[str, Any]:
         "moved_exact": anatomy(problem, exact),
         "volume": volume_measures(problem, state, 1.0),
         "volume_exact": volume_measures(problem, exact, 1.0),
-        "multigrid": multigrid_times(problem, exact),
         "curve": thinned(sums),
     }
     if name == SHOWN_CASE:
@@ -165,7 +163,6 @@ def compress_case(name: str, scale: float) -> dict[str, Any]:
         _, more, further = follow(problem, exact.displacement, later, state, limit=0.0)
         for row in further:
             row["sweeps"] += len(sums)
-            row["seconds"] += rows[-1]["seconds"]
             row["estimates"] = estimates(np.concatenate([sums, more])[: row["sweeps"]])
         result["further_stops"] = further
     return result
@@ -203,25 +200,6 @@ def section(problem: SpringProblem, state: SpringState) -> list[list[float]]:
     return [[round(float(v), 2) for v in row] for row in table[::2]]
 
 
-def multigrid_times(problem: SpringProblem, exact: SpringState) -> list[dict[str, float]]:
-    """Seconds and true distance of multigrid at each tolerance."""
-    rows = []
-    for tolerance in TOLERANCES:
-        begin = time.perf_counter()
-        state = equilibrium(problem, tolerance)
-        seconds = time.perf_counter() - begin
-        left = distance(problem, state.displacement, exact.displacement)
-        rows.append(
-            {
-                "tolerance": tolerance,
-                "seconds": seconds,
-                "mean": float(left.mean()),
-                "largest": float(left.max()),
-            }
-        )
-    return rows
-
-
 def compression(scale: float) -> dict[str, Any]:
     """Sections 3.3 and 3.4: the five cases."""
     return {name: compress_case(name, scale) for name in CASES}
@@ -234,9 +212,9 @@ def reverse(scale: float) -> dict[str, Any]:
     free = problem.released()
     _, sums, rows = follow(free, rest, REVERSE_STOPS, squeezed, limit=0.0)
     guessed, guessed_sums, guessed_rows = follow(free, rest, REVERSE_STOPS)
-    begin = time.perf_counter()
+    begin = time.process_time()
     fast = equilibrium(free, 1e-3, start=squeezed)
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     left = distance(free, fast.displacement, rest)
     return {
         "case": REVERSED_CASE,
@@ -281,6 +259,37 @@ def starts(scale: float) -> dict[str, Any]:
     return {"case": MIDDLE_CASE, "series": series_distance, "guesses": results}
 
 
+def times(scale: float) -> dict[str, Any]:
+    """Processor seconds of a sweep, and of multigrid with its true distance at each tolerance.
+
+    Processor time and not time of day, so that other work on the machine does not count.
+    """
+    problem = half_ellipsoid(scale, CASES[MIDDLE_CASE])
+    exact = equilibrium(problem, EXACT)
+    sweeps = []
+    for _ in range(TIMED_REPEATS):
+        begin = time.process_time()
+        relax(problem, max_sweeps=TIMED_SWEEPS)
+        sweeps.append((time.process_time() - begin) / TIMED_SWEEPS)
+    rows = []
+    for tolerance in TOLERANCES:
+        seconds = []
+        for _ in range(TIMED_REPEATS):
+            begin = time.process_time()
+            state = equilibrium(problem, tolerance)
+            seconds.append(time.process_time() - begin)
+        left = distance(problem, state.displacement, exact.displacement)
+        rows.append(
+            {
+                "tolerance": tolerance,
+                "seconds": float(np.median(seconds)),
+                "mean": float(left.mean()),
+                "largest": float(left.max()),
+            }
+        )
+    return {"case": MIDDLE_CASE, "sweep_seconds": float(np.median(sweeps)), "multigrid": rows}
+
+
 def write_phantom(path: Path) -> None:
     """Write the half-ellipsoid as a cube of 16-bit codes in the order x, z, y, nipple at x = 0."""
     inner = half_ellipsoid().modulus[1:-1, 1:-1, 1:-1]
@@ -291,7 +300,7 @@ def write_phantom(path: Path) -> None:
     codes.tofile(path)
 
 
-EXPERIMENTS = {"compression": compression, "reverse": reverse, "starts": starts}
+EXPERIMENTS = {"compression": compression, "reverse": reverse, "starts": starts, "times": times}
 
 
 def machine() -> dict[str, Any]:
