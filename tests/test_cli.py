@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from make_phantom import half_ellipsoid_breast
 from typer.testing import CliRunner
 
-from make_phantom import half_ellipsoid_breast
 from mammosim import cli, load_config, simulate
 from mammosim.config import write_yaml
 from mammosim.errors import InputError
