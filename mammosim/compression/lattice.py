@@ -20,7 +20,7 @@ SMALLEST_PART = 0.5
 MOST_SAMPLES = 10
 """Points along each axis at which a block is sampled; a 1 mm block of 0.1 mm voxels has 10."""
 
-MUSCLE_REACH_MM = 20.0
+MUSCLE_REACH_MM = 12.0
 """Muscle that reaches further forward than this lies between the plates and must deform, mm."""
 
 

@@ -44,7 +44,7 @@ class CompressionSettings(Settings):
 
     muscle: Literal["fixed", "soft"] | None = None
     """Whether labelled muscle is held or deforms with the breast; left out: `soft` where it
-    reaches more than 20 mm in front of the chest wall, so that it lies between the plates, else
+    reaches more than 12 mm in front of the chest wall, so that it lies between the plates, else
     `fixed`, as FDA's VICTRE has it."""
 
     plate_edge_mm: float | None = None
