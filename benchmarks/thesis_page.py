@@ -96,6 +96,13 @@ def page_values(found: dict[str, Any]) -> dict[str, Any]:
         "time_rows": time_rows(cases, middle, found["times"]["sweep_seconds"]),
         "reverse_rows": list(zip(PUBLISHED_REVERSE, reverse["stops"], strict=True)),
         "implied_nodes": [implied_nodes(*row) for row in PUBLISHED_REVERSE if row[2]],
+        "sweep_range": [f(case["sweeps"] for case in cases.values()) for f in (min, max)],
+        "left_range": [
+            min(case["stops"][-1]["mean"] for case in cases.values()),
+            max(case["stops"][-1]["mean"] for case in cases.values()),
+            max(case["stops"][-1]["largest"] for case in cases.values()),
+        ],
+        "early": next(row for row in reverse["stops"] if row["sweeps"] == 500),
         "last": lambda case: case["stops"][-1],
         "nipples": [f"{case['moved_exact']['nipple']:.1f}" for case in cases.values()],
         "ball": ball_figures(cases),
