@@ -191,33 +191,37 @@ def _add_stretch_loads(own, other, total, cells, a, b, first, last, row_x, row_y
 
 
 @sized_kernel
-def update_contact(u, force, diagonal, free, bounded, axis, lower, upper, contact):
+def update_contact(u, force, diagonal, free, bounded, axis, bounds, slack, contact):
     """Set which nodes an obstacle holds, and put them on it.
 
     Along `axis` a free node where `bounded` is odd must keep ``lower <= rest + u <= upper``,
-    `rest` being its index. It is held where its local equilibrium, ``u + force / diagonal``, lies
-    beyond. `contact` becomes -1 (at `lower`), 0 or 1 (at `upper`).
+    `rest` being its index and `bounds` the two. It is held where its local equilibrium, ``u +
+    force / diagonal``, lies beyond, and let go where that lies inside by more than `slack`: nodes
+    that a plate just touches would come and go for ever. `contact` becomes -1 (at `lower`), 0 or
+    1 (at `upper`).
 
     Returns
     -------
     int
         Number of nodes whose state changed.
     """
+    lower, upper = bounds
     changes = np.zeros(u.shape[0], np.int64)
     for i in prange(1, u.shape[0] - 1):
         for j in range(1, u.shape[1] - 1):
             for k in range(1, u.shape[2] - 1):
+                before = contact[i, j, k]
                 state = 0
                 if bounded[i, j, k] & 1 and free[i, j, k] > 0.0:
                     rest = i if axis == 0 else (j if axis == 1 else k)
                     place = rest + u[i, j, k] + force[i, j, k] / diagonal[i, j, k]
-                    if place > upper:
+                    if place > upper - (slack if before == 1 else 0.0):
                         state = 1
                         u[i, j, k] = upper - rest
-                    elif place < lower:
+                    elif place < lower + (slack if before == -1 else 0.0):
                         state = -1
                         u[i, j, k] = lower - rest
-                if state != contact[i, j, k]:
+                if state != before:
                     changes[i] += 1
                     contact[i, j, k] = state
     return changes.sum()

@@ -51,6 +51,9 @@ edge may be pulled out from between the plates by what they do to it, and back i
 do not: for such a node no equilibrium exists. One that returns therefore stays for good, so that
 nothing ever passes through the plates."""
 
+SLACK = 0.1
+"""Part of the tolerance by which a held node must draw back before it is let go."""
+
 STALE_PART = 0.1
 """Of the held nodes may change before the coarse operators are made anew."""
 
@@ -170,7 +173,7 @@ class _Run:
         changes : int
             How many nodes came under an obstacle's hold or left it.
         """
-        changes, force = axis.hold(u, bounded)
+        changes, force = axis.hold(u, bounded, SLACK * self.tolerance)
         correction, error = conjugate_gradients(
             axis.multigrid, force, 0.5 * self.tolerance, REDUCTION, 3
         )
@@ -202,7 +205,7 @@ class _Axis:
         self.multigrid = unheld
 
     def hold(
-        self, u: NDArray[np.float64], bounded: NDArray[np.uint8]
+        self, u: NDArray[np.float64], bounded: NDArray[np.uint8], slack: float
     ) -> tuple[int, NDArray[np.floating]]:
         """Find the nodes that an obstacle holds, and the force on all others.
 
@@ -224,8 +227,8 @@ class _Axis:
         direction = "xyz".index(self.name)
         changes = int(
             lattice.update_contact(
-                u, force, base.diagonal, base.free, bounded, direction, *self._bounds,
-                self._contact,
+                u, force, base.diagonal, base.free, bounded, direction, self._bounds,
+                slack, self._contact,
             )
         )  # fmt: skip
         if changes:
