@@ -18,7 +18,8 @@ G_CUBICS = [
 ]
 
 # c of typical breasts: thickness (cm), glandularity (per cent), and the factor for each HVL. Dance
-# et al. 2000, women of 50-64 (first nine) and 40-49; European guidelines, 4th edition.
+# et al. 2000, women of 50-64 (first nine) and 40-49; European guidelines, 4th edition. A test of
+# consistency: neither these nor the table have been held against the printed pages.
 TYPICAL = [
     (2, 100, 0.885, 0.891, 0.900, 0.905, 0.910, 0.914, 0.919),
     (3, 72, 0.925, 0.929, 0.931, 0.933, 0.937, 0.940, 0.941),
