@@ -110,8 +110,8 @@ def axis_means(nodes: np.ndarray, state: SpringState, goal: Sequence[Any]) -> di
 
 
 def estimates(sums: np.ndarray) -> dict[str, dict[str, float]]:
-    """The thesis' a, b and deviation from the curve of each axis and of their mean."""
-    curves = dict(zip("xyz", sums[:, :3].T, strict=True), mean=sums[:, :3].mean(axis=1))
+    """The thesis' a, b and deviation from the curve of each axis and of their sum."""
+    curves = dict(zip("xyz", sums[:, :3].T, strict=True), sum=sums[:, :3].sum(axis=1))
     fits = {name: remaining_deviation(curve, int(sums[-1, 3])) for name, curve in curves.items()}
     return {
         name: dict(zip(("a", "b", "deviation"), fit, strict=True)) for name, fit in fits.items()

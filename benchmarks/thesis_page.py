@@ -102,6 +102,7 @@ def page_values(found: dict[str, Any]) -> dict[str, Any]:
             max(case["stops"][-1]["mean"] for case in cases.values()),
             max(case["stops"][-1]["largest"] for case in cases.values()),
         ],
+        "published_criterion": sweeps_to(reverse["curve"], 1e-4 * PUBLISHED_NODES),
         "early": next(row for row in reverse["stops"] if row["sweeps"] == 500),
         "last": lambda case: case["stops"][-1],
         "nipples": [f"{case['moved_exact']['nipple']:.1f}" for case in cases.values()],
@@ -116,7 +117,7 @@ def average_fit(cases: dict[str, Any]) -> dict[str, tuple[float, float]]:
             float(np.mean([case["stops"][-1]["estimates"][axis][key] for case in cases.values()]))
             for key in ("a", "b")
         )
-        for axis in ("x", "y", "z", "mean")
+        for axis in ("x", "y", "z", "sum")
     }  # type: ignore[return-value]
 
 
@@ -130,11 +131,17 @@ def implied_nodes(sweeps: int, _: float, estimated: float, a: float, b: float) -
     return round(deviation(a, b, sweeps, 1.0) / estimated)
 
 
+def sweeps_to(curve: dict[str, Any], limit: float) -> int | None:
+    """First kept sweep after which the sum along each axis is below a limit."""
+    met = (np.array(curve["sums"])[:, :3] < limit).all(axis=1)
+    return curve["step"] * (int(met.argmax()) + 1) if met.any() else None
+
+
 def time_rows(
     cases: dict[str, Any], middle: dict[str, Any], sweep_seconds: float
 ) -> list[dict[str, Any]]:
-    """Table 3.4.4 beside the same formula with our fit along x, and the true distance."""
-    a, b = average_fit(cases)["x"]
+    """Table 3.4.4 beside the same formula with our fit of the sum, and the true distance."""
+    a, b = average_fit(cases)["sum"]
     nodes = float(np.mean([case["counted_nodes"] for case in cases.values()]))
     measured = {row["sweeps"]: row for row in [*middle["stops"], *middle["further_stops"]]}
     rows = []
@@ -147,7 +154,7 @@ def time_rows(
                 "printed": printed,
                 "formula": deviation(*PUBLISHED_AVERAGE, sweeps, PUBLISHED_NODES),
                 "ours": deviation(a, b, sweeps, nodes),
-                "true_x": row["axes"]["x"] if row else None,
+                "true_sum": sum(row["axes"].values()) if row else None,
                 "true": row["mean"] if row else None,
                 "seconds": sweeps * sweep_seconds,
             }
@@ -209,8 +216,8 @@ def draw_reverse(found: dict[str, Any]) -> Any:
     sweeps = [row["sweeps"] for row in rows]
     figure, panel = plt.subplots(figsize=(6, 3.6), layout="constrained")
     panel.semilogy(sweeps, [row["mean"] for row in rows], "o-", color="#0072b2", label="real")
-    estimated = [row["estimates"]["x"]["deviation"] for row in rows]
-    panel.semilogy(sweeps, _gaps(estimated), "o--", color="#56b4e9", label="estimated, x")
+    estimated = [row["estimates"]["sum"]["deviation"] for row in rows]
+    panel.semilogy(sweeps, _gaps(estimated), "o--", color="#56b4e9", label="estimated")
     printed = np.array([row[1:3] for row in PUBLISHED_REVERSE], dtype=float)
     panel.semilogy(sweeps, printed[:, 0], "ks-", ms=4, label="thesis, calculated")
     panel.semilogy(sweeps, printed[:, 1], "ks--", ms=4, mfc="w", label="thesis, estimated")
