@@ -90,7 +90,7 @@ def test_the_table_has_a_row_a_target_and_view(finished):
     assert [(row["name"], row["kind"]) for row in rows[:3]] == [
         ("ball", "mass"), ("mark", "landmark"), ("nipple", "nipple"),
     ]  # fmt: skip
-    assert len(rows) == 6
+    assert [row["view"] for row in rows] == ["CC"] * 3 + ["MLO"] * 3
     ball = rows[0]
     # Voxels of 1 mm whose centres lie in a ball of 6 mm around the place asked for.
     assert [float(ball[f"{axis}_mm"]) for axis in "xyz"] == pytest.approx([12, 8, 6], abs=0.5)

@@ -10,7 +10,7 @@ unsigned, which spares the compiler the test for negative ones and lets it vecto
 import numpy as np
 from numba import prange
 
-from mammosim._jit import contracting_kernel, sized_kernel
+from mammosim._jit import contracting_kernel, contracting_parallel_kernel
 
 _ONE = np.uint64(1)
 
@@ -46,7 +46,7 @@ def _column_residual(modulus, u, load, i, j, first, last, out):
                 )
 
 
-@sized_kernel
+@contracting_parallel_kernel
 def lattice_residual(modulus, span, free, u, load, out):
     """``out = free * (load - A u)``: net force on each free node, lattice units x kPa.
 
@@ -63,7 +63,7 @@ def lattice_residual(modulus, span, free, u, load, out):
                     row[k] = mask[k] * force[k]
 
 
-@sized_kernel
+@contracting_parallel_kernel
 def lattice_smooth(modulus, span, inverse_diagonal, u, load, keep, gain, direction, out):
     """``direction = keep direction + gain D^-1 (load - A u)``; ``out = u + direction``.
 
@@ -82,7 +82,7 @@ def lattice_smooth(modulus, span, inverse_diagonal, u, load, keep, gain, directi
                     row[k] = here[k] + step[k]
 
 
-@sized_kernel
+@contracting_parallel_kernel
 def lattice_diagonal(modulus, span, out):
     """``out = sum of the stiffness of the 26 springs of each tissue node``, 0 in air."""
     for i in prange(1, modulus.shape[0] - 1):
@@ -102,7 +102,7 @@ def lattice_diagonal(modulus, span, out):
                         )
 
 
-@sized_kernel
+@contracting_parallel_kernel
 def cell_stretch(modulus, z_displacement, out):
     """In-plane stretch 1/sqrt(lambda) of each cell; 0 where a cell takes no part.
 
@@ -130,7 +130,7 @@ def cell_stretch(modulus, z_displacement, out):
                 out[i, j, k] = 1.0 / np.sqrt(max(total / edges, 0.1)) if edges > 0 else 0.0
 
 
-@sized_kernel
+@contracting_parallel_kernel
 def stretch_loads(modulus, span, stretch, out_x, out_y):
     """Loads along x and y of springs that are longer than at rest by the stretch S - 1.
 
@@ -190,7 +190,7 @@ def _add_stretch_loads(own, other, total, cells, a, b, first, last, row_x, row_y
         row_y[k] += b * pull
 
 
-@sized_kernel
+@contracting_parallel_kernel
 def update_contact(u, force, diagonal, free, bounded, axis, bounds, slack, contact):
     """Set which nodes an obstacle holds, and put them on it.
 
@@ -227,7 +227,7 @@ def update_contact(u, force, diagonal, free, bounded, axis, bounds, slack, conta
     return changes.sum()
 
 
-@sized_kernel
+@contracting_parallel_kernel
 def follow_edge(ux, free, edge, leaving, state):
     """Update which nodes lie between the plates, by their place along x.
 
