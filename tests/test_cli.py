@@ -198,7 +198,7 @@ BAD = [
     ({"compresion": {}}, r"compresion: unknown key; did you mean 'compression'"),
     ({"compression": {"thickness_mm": "thin"}}, r"compression.thickness_mm: found 'thin'"),
     ({"compression": {"thickness_mm": 500}}, r"thickness_mm: found 500, but the breast"),
-    ({"views": []}, r"views: found \[\]"),
+    ({"views": []}, r"views: found \[\], expected at least 1 of them"),
     ({"views": ["CC", "CC"]}, r"CC is listed twice"),
     ({"views": ["XCC"]}, r"views.0.view: found 'XCC', expected 'CC', 'MLO' or 'ML'"),
     (

@@ -65,6 +65,9 @@ def _sentence(kind: type[Settings], item: Any, where: str, prefix: tuple[str, ..
         return f"{where}: {path}: unknown key; {hint}"
     if item["type"] == "missing":
         return f"{where}: {path}: missing, must be given"
+    if item["type"] == "too_short":
+        least = item["ctx"]["min_length"]
+        return f"{where}: {path}: found {_shown(item['input'])}, expected at least {least} of them"
     reason = item["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     verb = "" if item["msg"].startswith("Value error, ") else "expected "
     return f"{where}: {path}: found {_shown(item['input'])}, {verb}{reason}"
