@@ -67,7 +67,7 @@ EXACT = 1e-5
 
 ABNORMALITY_KPA = 45.0
 
-CURVE_STEP = 10
+CURVE_STEP = 20
 """One sweep in so many is kept for the figures."""
 
 
@@ -127,7 +127,7 @@ def criterion_sweep(sums: np.ndarray) -> int | None:
 def thinned(sums: np.ndarray) -> dict[str, Any]:
     """The curves as a figure needs them."""
     kept = sums[CURVE_STEP - 1 :: CURVE_STEP]
-    return {"step": CURVE_STEP, "sums": [[round(float(v), 4) for v in row] for row in kept]}
+    return {"step": CURVE_STEP, "sums": [[float(f"{v:.4g}") for v in row] for row in kept]}
 
 
 def counted_nodes(problem: SpringProblem, state: SpringState) -> np.ndarray:
@@ -157,7 +157,7 @@ def compress_case(name: str, scale: float) -> dict[str, Any]:
         "curve": thinned(sums),
     }
     if name == SHOWN_CASE:
-        result["section"] = section(problem, state)
+        result["section"] = section(problem, exact)
     if name == MIDDLE_CASE:
         later = [stop - len(sums) for stop in STOPS if stop > len(sums)]
         _, more, further = follow(problem, exact.displacement, later, state, limit=0.0)
@@ -193,11 +193,12 @@ def anatomy(problem: SpringProblem, state: SpringState) -> dict[str, Any]:
 
 def section(problem: SpringProblem, state: SpringState) -> list[list[float]]:
     """Every second node of the layer through the first abnormality: x, z, moved x, z, modulus."""
-    layer = int(np.argwhere(problem.modulus == ABNORMALITY_KPA)[:, 1].mean())
+    parts, _ = ndimage.label(problem.modulus == ABNORMALITY_KPA)
+    layer = round(np.argwhere(parts == 1)[:, 1].mean())
     x, z = np.nonzero(problem.tissue[:, layer])
     ux, uz = (state.displacement[axis][x, layer, z] for axis in (0, 2))
     table = np.stack([x, z, x + ux, z + uz, problem.modulus[x, layer, z]], axis=1)
-    return [[round(float(v), 2) for v in row] for row in table[::2]]
+    return [[round(float(v), 1) for v in row] for row in table[::2]]
 
 
 def compression(scale: float) -> dict[str, Any]:

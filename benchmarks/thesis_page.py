@@ -62,7 +62,7 @@ def write_page(results: Path) -> None:
         loader=loader, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True, autoescape=False,
     )  # fmt: skip
-    environment.filters.update(number=number, nodes="{:,}".format)
+    environment.filters.update(number=number, nodes=lambda count: f"{count:,}".replace(",", " "))
     page = environment.get_template("thesis.md.jinja").render(**page_values(found))
     (folder.parent / "thesis.md").write_text(page, encoding="utf-8")
 
