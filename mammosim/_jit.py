@@ -7,7 +7,7 @@ bits whatever the machine's vector width and number of threads.
 
 `contracting_kernel` and `contracting_parallel_kernel` also let the compiler fuse a multiplication
 and the addition that follows it, which is twice as fast in stencils and keeps NaN and infinity as
-they are. `sized_kernel` is the latter two in one: sequential for small arrays.
+they are. `inlined_kernel` is for formulas that such kernels share; `sized_kernel` is the first two of these in one: sequential for small arrays.
 """
 
 from __future__ import annotations
@@ -46,6 +46,15 @@ def contracting_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 def contracting_parallel_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a parallel kernel with fused multiply-add."""
     return numba.njit(parallel=True, fastmath={"contract"}, **_OPTIONS)(function)
+
+
+def inlined_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a formula with fused multiply-add into every kernel that uses it.
+
+    A loop over contiguous elements is made into vector instructions only where all that it calls
+    is part of it.
+    """
+    return numba.njit(forceinline=True, fastmath={"contract"}, **_OPTIONS)(function)
 
 
 def sized_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
