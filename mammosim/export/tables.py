@@ -43,7 +43,7 @@ def write_compression(squeezed: CompressedBreast, path: str | PathLike[str]) -> 
 def compression_summary(squeezed: CompressedBreast) -> dict[str, Any]:
     """What `compression.json` holds, as plain values."""
     return {
-        "view": squeezed.view.name,
+        "view": squeezed.view.label,
         "laterality": squeezed.view.laterality,
         "angle_deg": squeezed.view.angle_deg,
         "model": squeezed.model,

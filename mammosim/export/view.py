@@ -98,7 +98,7 @@ def write_images(
     """
     folder = Path(folder)
     view = mammogram.gantry.view
-    here = [target for target in targets if target.view in (view.folder, view.name)]
+    here = [target for target in targets if target.view in (view.folder, view.label)]
     masks = lesion_masks(paths, here)
     if settings.dicom:
         write_dicom(mammogram, "processing", folder / "for_processing.dcm", study, settings)

@@ -3,10 +3,14 @@
 x runs from the chest-wall edge of the detector towards the nipple, y along that edge (the
 compression frame's y), z up from the upper surface of the breast support. All views are seen from
 the tube; a right breast's picture is turned by 180 degrees against a left one's, never mirrored.
+
+In tomosynthesis the tube turns about a pivot, an axis along x above the detector, and the detector
+stays where it is.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,11 +32,11 @@ class Gantry:
     support_z_mm : float
         Compression-frame z of the breast support's upper surface (gantry z = 0), mm.
     source_to_detector_mm : float
-        Distance of the focal spot from the detector plane, mm.
+        Distance of the focal spot from the detector plane with the tube upright, mm.
     support_to_detector_mm : float
         Gap between the support's upper surface and the detector plane, mm.
     focal_spot_y_mm : float
-        Compression-frame y of the focal spot, mm.
+        Compression-frame y of the focal spot with the tube upright, mm.
     pixel_mm : float
         Pixel pitch, mm.
     rows, columns : int
@@ -40,6 +44,10 @@ class Gantry:
     y_min_mm : float
         Compression-frame y of the detector's lower edge, mm; the upper one is at
         ``y_min_mm + rows * pixel_mm``.
+    tube_angle_deg : float
+        Angle by which the tube is turned about the pivot, degrees; positive towards +y.
+    pivot_to_detector_mm : float
+        Height of the pivot above the detector plane, mm; it is above `focal_spot_y_mm`.
     """
 
     view: View
@@ -52,6 +60,8 @@ class Gantry:
     rows: int
     columns: int
     y_min_mm: float
+    tube_angle_deg: float = 0.0
+    pivot_to_detector_mm: float = 0.0
 
     @property
     def y_max_mm(self) -> float:
@@ -66,8 +76,16 @@ class Gantry:
     @property
     def focal_spot_mm(self) -> NDArray[np.float64]:
         """(3,) focal spot in the gantry frame, mm."""
-        height = self.source_to_detector_mm - self.support_to_detector_mm
-        return np.array([0.0, self.focal_spot_y_mm, height])
+        arm = self.source_to_detector_mm - self.pivot_to_detector_mm
+        y = self.focal_spot_y_mm + arm * math.sin(math.radians(self.tube_angle_deg))
+        return np.array([0.0, y, self.focal_spot_height_mm - self.support_to_detector_mm])
+
+    @property
+    def focal_spot_height_mm(self) -> float:
+        """Height of the focal spot above the detector plane, mm."""
+        arm = self.source_to_detector_mm - self.pivot_to_detector_mm
+        fall = arm * (1.0 - math.cos(math.radians(self.tube_angle_deg)))
+        return self.source_to_detector_mm - fall
 
     def gantry_from_breast(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Breast-frame points (..., 3) to the gantry frame, mm."""
@@ -95,7 +113,7 @@ class Gantry:
         """
         points = np.asarray(points_mm, dtype=np.float64)
         spot = self.focal_spot_mm
-        scale = self.source_to_detector_mm / (spot[2] - points[..., 2])
+        scale = self.focal_spot_height_mm / (spot[2] - points[..., 2])
         x = spot[0] + (points[..., 0] - spot[0]) * scale
         y = spot[1] + (points[..., 1] - spot[1]) * scale
         return self.pixel_of(x, y)

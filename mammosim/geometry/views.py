@@ -23,11 +23,14 @@ class View:
     laterality : {"L", "R"}
     mlo_angle_deg : float
         Angle of the plates' normal from superior towards medial in MLO, degrees, 30 to 60.
+    tomosynthesis : bool
+        Whether it is taken as a series of projections.
     """
 
     name: str
     laterality: str
     mlo_angle_deg: float = 45.0
+    tomosynthesis: bool = False
 
     def __post_init__(self) -> None:
         if self.name not in VIEW_NAMES:
@@ -41,9 +44,14 @@ class View:
         return {"CC": 0.0, "MLO": self.mlo_angle_deg, "ML": 90.0}[self.name]
 
     @property
+    def label(self) -> str:
+        """What a run calls the view: its name, as `CC`; of a series of projections `CC_DBT`."""
+        return self.name + ("_DBT" if self.tomosynthesis else "")
+
+    @property
     def folder(self) -> str:
-        """Name of the view's folder: laterality and view, as `LCC`."""
-        return self.laterality + self.name
+        """Name of the view's folder: laterality and label, as `LCC`."""
+        return self.laterality + self.label
 
     @property
     def rotation(self) -> NDArray[np.float64]:

@@ -1,8 +1,20 @@
 """Rays through the deformed voxels: path lengths of each tissue at each pixel."""
 
+from mammosim.projection.arc import Arc, project_arc
+from mammosim.projection.feasible import check_field, check_memory
 from mammosim.projection.paths import PathLengths
-from mammosim.projection.settings import ProjectionSettings
+from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
 from mammosim.projection.trace import project
 from mammosim.projection.warp import compressed_labels
 
-__all__ = ["PathLengths", "ProjectionSettings", "compressed_labels", "project"]
+__all__ = [
+    "Arc",
+    "PathLengths",
+    "ProjectionSettings",
+    "TomosynthesisSettings",
+    "check_field",
+    "check_memory",
+    "compressed_labels",
+    "project",
+    "project_arc",
+]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
+from typing import NoReturn
 
 import numpy as np
 
 from mammosim.compression import CompressedBreast
 from mammosim.errors import InputError
 from mammosim.geometry import Gantry
-from mammosim.projection.settings import ProjectionSettings
+from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
 from mammosim.projection.voxel_map import VoxelMap
 
 # Height along the chest wall and width, mm: the two formats of full-field digital mammography
@@ -17,8 +19,33 @@ from mammosim.projection.voxel_map import VoxelMap
 STANDARD_FORMATS_MM = ((240.0, 180.0), (300.0, 240.0))
 
 
+@dataclass(frozen=True)
+class Shadow:
+    """What the detector must hold: a rectangle of its plane, mm.
+
+    Parameters
+    ----------
+    y_min_mm, y_max_mm : float
+        Compression-frame y of its ends along the chest wall.
+    width_mm : float
+        How far it reaches from the detector's edge.
+    """
+
+    y_min_mm: float
+    y_max_mm: float
+    width_mm: float
+
+    @property
+    def height_mm(self) -> float:
+        """Its length along the chest wall, mm."""
+        return self.y_max_mm - self.y_min_mm
+
+
 def place_detector(
-    squeezed: CompressedBreast, mapped: VoxelMap, settings: ProjectionSettings
+    squeezed: CompressedBreast,
+    mapped: VoxelMap,
+    settings: ProjectionSettings,
+    arc: TomosynthesisSettings | None = None,
 ) -> Gantry:
     """Choose format and place of the detector so that it holds the breast's shadow.
 
@@ -31,10 +58,14 @@ def place_detector(
     mapped : VoxelMap
         Its cells that hold tissue.
     settings : ProjectionSettings
+    arc : TomosynthesisSettings, optional
+        Movement of the tube. The field then holds the shadows of all its angles if an allowed
+        format can, else that of the upright tube: the others are cut off, as on real systems.
 
     Returns
     -------
     Gantry
+        With the tube upright.
 
     Raises
     ------
@@ -56,29 +87,31 @@ def place_detector(
             f"projection.detector_edge_mm: found {edge:g}, which has no tissue in front of it; "
             f"the compressed breast reaches to x = {x.max():.1f} mm"
         )
-    x, y, z = x[kept] - edge, y[kept], z[kept]
-    spot_z = squeezed.support_z_mm - settings.support_to_detector_mm
-    spot_z += settings.source_to_detector_mm
-    if z.max() >= spot_z:
-        raise InputError(
-            f"projection.source_to_detector_mm: found {settings.source_to_detector_mm:g}, "
-            f"expected more than {settings.source_to_detector_mm + z.max() - spot_z:.1f}: "
-            f"the focal spot must be above the breast"
-        )
-    spot_y = _focal_spot_y(y, settings)
-    scale = settings.source_to_detector_mm / (spot_z - z)
-    shadow_x = float((x * scale).max())
-    shadow_y = spot_y + (y - spot_y) * scale
-    low, high = float(shadow_y.min()), float(shadow_y.max())
-    pixel = settings.pixel_mm
-    rows, columns = _format(high - low, shadow_x, settings)
-    y_min = spot_y - 0.5 * rows * pixel
-    y_min -= max(0, math.ceil((y_min - low) / pixel)) * pixel
-    y_min += max(0, math.ceil((high - y_min - rows * pixel) / pixel)) * pixel
-    return Gantry(
+    spot_y = _focal_spot_y(y[kept], settings)
+    gantry = Gantry(
         squeezed.view, edge, squeezed.support_z_mm, settings.source_to_detector_mm,
-        settings.support_to_detector_mm, spot_y, pixel, rows, columns, y_min,
+        settings.support_to_detector_mm, spot_y, settings.pixel_mm, rows=0, columns=0, y_min_mm=0.0,
+        pivot_to_detector_mm=arc.pivot_to_detector_mm if arc else 0.0,
     )  # fmt: skip
+    corners = np.stack([x[kept] - edge, y[kept], z[kept] - squeezed.support_z_mm], axis=-1)
+    angles = arc.angles_deg if arc else (0.0,)
+    shadow = _shadow(corners, gantry, angles)
+    if arc and not fitting_format(shadow, settings):
+        shadow = _shadow(corners, gantry, (0.0,))
+    height, width = fitting_format(shadow, settings) or refuse_format(shadow, settings)
+    rows, columns = pixels_of(height, settings.pixel_mm), pixels_of(width, settings.pixel_mm)
+    y_min = _lower_edge(shadow, spot_y, rows, settings.pixel_mm)
+    return replace(gantry, rows=rows, columns=columns, y_min_mm=y_min)
+
+
+def pixels_of(length_mm: float, pixel_mm: float) -> int:
+    """Pixels that cover a length; a millionth more than a whole number is that number."""
+    return math.ceil(length_mm / pixel_mm - 1e-6)
+
+
+def formats_mm(settings: ProjectionSettings) -> tuple[tuple[float, float], ...]:
+    """Height and width of the allowed formats, smallest first, mm."""
+    return (settings.detector_mm,) if settings.detector_mm else STANDARD_FORMATS_MM
 
 
 def _tissue_corners(mapped: VoxelMap) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -107,17 +140,49 @@ def _focal_spot_y(y_mm: np.ndarray, settings: ProjectionSettings) -> float:
     return 0.0 if low <= 0.0 <= high else 0.5 * (low + high)
 
 
-def _format(height_mm: float, width_mm: float, settings: ProjectionSettings) -> tuple[int, int]:
-    """Rows and columns of the smallest allowed format that holds a shadow."""
-    formats = (settings.detector_mm,) if settings.detector_mm else STANDARD_FORMATS_MM
-    for height, width in formats:
-        if height_mm <= height and width_mm <= width:
-            pixel = settings.pixel_mm
-            return math.ceil(height / pixel - 1e-6), math.ceil(width / pixel - 1e-6)
-    height, width = formats[-1]
+def _shadow(corners_mm: np.ndarray, gantry: Gantry, angles_deg: tuple[float, ...]) -> Shadow:
+    """Shadow of points (n, 3), gantry frame, over all the angles of the tube."""
+    low, high, width = [], [], []
+    for angle in angles_deg:
+        turned = replace(gantry, tube_angle_deg=angle)
+        spot = turned.focal_spot_mm
+        if corners_mm[:, 2].max() >= spot[2]:
+            missing = float(corners_mm[:, 2].max() - spot[2])
+            raise InputError(
+                f"projection.source_to_detector_mm: found {gantry.source_to_detector_mm:g}, "
+                f"expected more than {gantry.source_to_detector_mm + missing:.1f}: "
+                f"the focal spot must be above the breast"
+            )
+        scale = turned.focal_spot_height_mm / (spot[2] - corners_mm[:, 2])
+        y = spot[1] + (corners_mm[:, 1] - spot[1]) * scale
+        low.append(y.min())
+        high.append(y.max())
+        width.append((corners_mm[:, 0] * scale).max())
+    return Shadow(float(min(low)), float(max(high)), float(max(width)))
+
+
+def fitting_format(shadow: Shadow, settings: ProjectionSettings) -> tuple[float, float] | None:
+    """The smallest allowed format that holds a shadow; None where none does."""
+    for height, width in formats_mm(settings):
+        if shadow.height_mm <= height and shadow.width_mm <= width:
+            return height, width
+    return None
+
+
+def refuse_format(shadow: Shadow, settings: ProjectionSettings) -> NoReturn:
+    """Say by how much the largest allowed format is too small."""
+    height, width = formats_mm(settings)[-1]
     raise InputError(
         f"projection.detector_mm: found {height:g} x {width:g} (height along the chest wall x "
-        f"width), expected at least {height_mm:.1f} x {width_mm:.1f}: the breast's shadow is "
-        f"{max(height_mm - height, 0.0):.1f} mm too high and "
-        f"{max(width_mm - width, 0.0):.1f} mm too wide"
+        f"width), expected at least {shadow.height_mm:.1f} x {shadow.width_mm:.1f}: the breast's "
+        f"shadow is {max(shadow.height_mm - height, 0.0):.1f} mm too high and "
+        f"{max(shadow.width_mm - width, 0.0):.1f} mm too wide"
     )
+
+
+def _lower_edge(shadow: Shadow, centre_mm: float, rows: int, pixel_mm: float) -> float:
+    """y of the field's lower edge: centred, or shifted by as many pixels as the shadow needs."""
+    y_min = centre_mm - 0.5 * rows * pixel_mm
+    y_min -= max(0, math.ceil((y_min - shadow.y_min_mm) / pixel_mm)) * pixel_mm
+    top = y_min + rows * pixel_mm
+    return y_min + max(0, math.ceil((shadow.y_max_mm - top) / pixel_mm)) * pixel_mm

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
 from mammosim.config import Settings
@@ -41,3 +42,33 @@ class ProjectionSettings(Settings):
 
     conserve_mass: bool = True
     """Whether tissue that compression squeezes together attenuates more, so that mass is kept."""
+
+
+class TomosynthesisSettings(Settings):
+    """A view taken as a series of projections: how the tube moves while the breast is held.
+
+    The tube turns about an axis parallel to x; the detector stays where it is. Pivot, range and
+    number are by default those of FDA's VICTRE trial (Badano et al. 2018, JAMA Netw Open
+    1(7):e185474; `rotation_axis_distance` 60 cm of 65 cm in DIDSR/VICTRE_PIPELINE), which
+    replicates a Siemens Mammomat Inspiration.
+    """
+
+    view: Literal["CC", "MLO", "ML"]
+    """Compression view in which the projections are taken."""
+
+    angle_range_deg: Annotated[float, Field(ge=0.0, le=100.0)] = 50.0
+    """Angle between the first and the last position of the tube, degrees, half on each side."""
+
+    projections: Annotated[int, Field(ge=1, le=200)] = 25
+    """Number of projections, evenly spaced over the angle range."""
+
+    pivot_to_detector_mm: Annotated[float, Field(ge=0.0, le=300.0)] = 50.0
+    """Height of the pivot above the detector plane, mm."""
+
+    @property
+    def angles_deg(self) -> tuple[float, ...]:
+        """Angle of each projection, degrees, from negative (towards -y) to positive."""
+        half = 0.5 * self.angle_range_deg
+        if self.projections == 1:
+            return (0.0,)
+        return tuple(float(angle) for angle in np.linspace(-half, half, self.projections))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from typing import Any
 
 import numpy as np
@@ -11,11 +10,11 @@ from numpy.typing import NDArray
 
 from mammosim.compression import CompressedBreast
 from mammosim.config import to_settings
-from mammosim.errors import InputError
 from mammosim.geometry import Gantry
 from mammosim.projection._kernels import Beam, Voxels, trace
 from mammosim.projection.channels import Channels, channels_of, host_channel
 from mammosim.projection.detector_field import place_detector
+from mammosim.projection.feasible import check_memory
 from mammosim.projection.paths import PathLengths
 from mammosim.projection.settings import ProjectionSettings
 from mammosim.projection.voxel_map import VoxelMap, voxel_map
@@ -63,8 +62,19 @@ def project(squeezed: CompressedBreast, **keys: Any) -> PathLengths:
     mapped = voxel_map(squeezed)
     gantry = place_detector(squeezed, mapped, settings)
     channels = channels_of(squeezed.phantom)
-    _check_memory(len(channels), gantry, settings)
-    length, attenuating = _trace(squeezed, mapped, gantry, channels, settings.conserve_mass)
+    check_memory(settings, (gantry.rows, gantry.columns), len(channels))
+    return trace_onto(gantry, squeezed, mapped, channels, settings.conserve_mass)
+
+
+def trace_onto(
+    gantry: Gantry,
+    squeezed: CompressedBreast,
+    mapped: VoxelMap,
+    channels: Channels,
+    conserve_mass: bool,
+) -> PathLengths:
+    """Path lengths onto one gantry's detector; its focal spot may be anywhere above the breast."""
+    length, attenuating = _trace(squeezed, mapped, gantry, channels, conserve_mass)
     return PathLengths(
         tissues=channels.names,
         materials=channels.materials,
@@ -74,27 +84,8 @@ def project(squeezed: CompressedBreast, **keys: Any) -> PathLengths:
         gantry=gantry,
         thickness_mm=squeezed.thickness_mm,
         force_n=squeezed.force_n,
-        clipped_fraction=mapped.clipped_fraction if settings.conserve_mass else 0.0,
+        clipped_fraction=mapped.clipped_fraction if conserve_mass else 0.0,
     )
-
-
-def _check_memory(channels: int, gantry: Gantry, settings: ProjectionSettings) -> None:
-    images = channels * (2 if settings.conserve_mass else 1)
-    needed = 4 * images * gantry.rows * gantry.columns
-    installed = _installed_memory()
-    if needed > installed:
-        raise InputError(
-            f"projection.pixel_mm: found {settings.pixel_mm:g}, which needs {needed / 1e9:.1f} GB "
-            f"for {images} images of {gantry.rows} x {gantry.columns} pixels; this machine has "
-            f"{installed / 1e9:.1f} GB: take larger pixels or a smaller detector"
-        )
-
-
-def _installed_memory() -> float:
-    """Bytes of memory of this machine; infinite where the system does not tell."""
-    if not hasattr(os, "sysconf"):
-        return math.inf
-    return float(os.sysconf("SC_PHYS_PAGES")) * float(os.sysconf("SC_PAGE_SIZE"))
 
 
 def _trace(
@@ -135,7 +126,7 @@ def _beam(gantry: Gantry, mapped: VoxelMap) -> Beam:
         float(spot[0]),
         float(spot[1]),
         float(spot[2]),
-        float(gantry.source_to_detector_mm / frame.spacing_mm[2]),
+        float(gantry.focal_spot_height_mm / frame.spacing_mm[2]),
         max(0, math.ceil(detector_k)),
         np.asarray(frame.spacing_mm, dtype=np.float64),
         (row_y - origin[1]) / frame.spacing_mm[1],

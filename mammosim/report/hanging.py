@@ -137,7 +137,7 @@ def _picture(
 
 def targets_of(view: View, targets: Sequence[Target]) -> list[Target]:
     """Rows of one view."""
-    return [target for target in targets if target.view in (view.folder, view.name)]
+    return [target for target in targets if target.view in (view.folder, view.label)]
 
 
 def is_lesion(target: Target) -> bool:

@@ -119,7 +119,7 @@ def _target(
         target_id=number,
         name=origin.name,
         kind=origin.kind,
-        view=squeezed.view.name,
+        view=squeezed.view.label,
         volume_mm3=float(origin.volume_mm3),
         **_before(origin, squeezed.phantom),
         **_moved(origin, shift_mm, paths),

@@ -1,0 +1,96 @@
+"""Projections of a compressed breast from an arc of tube positions, for tomosynthesis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from mammosim.compression import CompressedBreast
+from mammosim.config import to_settings
+from mammosim.geometry import Gantry
+from mammosim.projection.channels import Channels, channels_of
+from mammosim.projection.detector_field import place_detector
+from mammosim.projection.feasible import check_memory
+from mammosim.projection.paths import PathLengths
+from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
+from mammosim.projection.trace import trace_onto
+from mammosim.projection.voxel_map import VoxelMap, voxel_map
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """A compressed breast, and the tube positions that it is projected from.
+
+    Path lengths are traced one position at a time, when asked for: all of them together would
+    not fit in memory.
+
+    Parameters
+    ----------
+    squeezed : CompressedBreast
+    gantries : tuple of Gantry
+        One a projection, with one detector.
+    settings : TomosynthesisSettings
+    """
+
+    squeezed: CompressedBreast
+    gantries: tuple[Gantry, ...]
+    settings: TomosynthesisSettings
+    _mapped: VoxelMap
+    _channels: Channels
+    _conserve_mass: bool
+
+    def __len__(self) -> int:
+        return len(self.gantries)
+
+    @property
+    def middle(self) -> int:
+        """Index of the projection nearest to the upright tube (the later of two)."""
+        return len(self) // 2
+
+    def paths(self, index: int) -> PathLengths:
+        """Path lengths of one projection."""
+        return trace_onto(
+            self.gantries[index],
+            self.squeezed,
+            self._mapped,
+            self._channels,
+            self._conserve_mass,
+        )
+
+
+def project_arc(
+    squeezed: CompressedBreast, tomosynthesis: dict[str, Any] | None = None, **keys: Any
+) -> Arc:
+    """Prepare the projections of a compressed breast from an arc of tube positions.
+
+    Parameters
+    ----------
+    squeezed : CompressedBreast
+    tomosynthesis : dict, optional
+        Keys of `TomosynthesisSettings`; the view is that of `squeezed`.
+    **keys
+        Any key of `ProjectionSettings`.
+
+    Returns
+    -------
+    Arc
+
+    Raises
+    ------
+    InputError
+        As `project`.
+
+    Notes
+    -----
+    The focal spot is at ``y = y0 + (SID - h) sin(angle)`` and ``SID - (1 - cos(angle)) (SID - h)``
+    above the detector, h being the pivot's height. Breast and detector do not move.
+    """
+    settings = to_settings(ProjectionSettings, keys, "project_arc")
+    sweep = to_settings(
+        TomosynthesisSettings, {"view": squeezed.view.name, **(tomosynthesis or {})}, "project_arc"
+    )
+    mapped, channels = voxel_map(squeezed), channels_of(squeezed.phantom)
+    upright = place_detector(squeezed, mapped, settings, sweep)
+    check_memory(settings, (upright.rows, upright.columns), len(channels))
+    gantries = tuple(replace(upright, tube_angle_deg=angle) for angle in sweep.angles_deg)
+    return Arc(squeezed, gantries, sweep, mapped, channels, settings.conserve_mass)
