@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ from mammosim.compression.springs import (
     remaining_deviation,
     solve,
 )
+from mammosim.compression.springs._lattice_kernels import spring_stiffness
 from mammosim.compression.springs.measures import spring_measures, volume_measures
+from mammosim.compression.springs.resolution import coarsened, interpolated
 from mammosim.compression.springs.series_start import series_start
 
 SPRING_SOLVERS = {"multigrid": solve, "relaxation": relax}
@@ -156,6 +160,85 @@ def test_a_uniform_block_shows_its_modulus():
     springs = (3 * n - 2) ** 2
     expected = springs * modulus * squeeze / (n - 1) / 9.0 * 1e-3
     assert force == pytest.approx(expected, rel=2e-3)
+
+
+def column(n: int = 12) -> tuple[np.ndarray, np.ndarray]:
+    """Moduli of a chain of nodes along z and the nodes that hold it, the topmost."""
+    modulus = np.zeros((3, 3, n + 2), np.float32)
+    modulus[1, 1, 1:-1] = 6.0
+    fixed = np.zeros(modulus.shape, bool)
+    fixed[1, 1, n] = True
+    return modulus, fixed
+
+
+def test_a_hanging_column_lengthens_by_its_weight():
+    modulus, fixed = column()
+    weight = 0.01
+    force = (modulus > 0).astype(np.float32) * np.float32(-weight)
+    problem = SpringProblem(modulus, fixed, -np.inf, np.inf, np.inf, (None, None, force))
+    state = solve(problem, 1e-6)
+    assert state.converged
+    # The spring above node k bears the k nodes below and itself.
+    longer = weight * np.arange(1, 12) / 6.0
+    # Single precision of the force.
+    np.testing.assert_allclose(np.diff(state.displacement[2][1, 1, 1:-1]), longer, atol=1e-6)
+
+
+def test_a_force_along_x_and_y_moves_as_far_as_one_along_z():
+    modulus, fixed = column()
+    fields = [(modulus > 0).astype(np.float32) * np.float32(size) for size in (0.01, 0.02, 0.03)]
+    problem = SpringProblem(modulus, fixed, -np.inf, np.inf, np.inf, tuple(fields))
+    ux, uy, uz = solve(problem, 1e-6).displacement
+    assert ux.max() > 0.1
+    # Springs pull along each axis alike; a column is not widened, having no neighbours beside it.
+    np.testing.assert_allclose(uy, 2.0 * ux, atol=1e-5)
+    np.testing.assert_allclose(uz, 3.0 * ux, atol=0.1)
+
+
+def test_the_support_bears_the_weight_of_what_stands_on_it():
+    modulus, _ = column()
+    modulus = np.pad(modulus, ((1, 0), (0, 0), (0, 0)))
+    # A thread too soft to carry any of it ties the column to the chest wall.
+    modulus[1, 1, 6] = 1e-5
+    fixed = np.zeros(modulus.shape, bool)
+    fixed[1, 1, 6] = True
+    weight = 0.01
+    force = (modulus > 1.0).astype(np.float32) * np.float32(-weight)
+    problem = SpringProblem(modulus, fixed, 1.0, 100.0, 1.5, (None, None, force))
+    measures = spring_measures(problem, solve(problem, 1e-6), 1.0)
+    # In lattice units of kPa a force of F mN is 9 F / h^2; the thread bears 1e-5 of 0.12.
+    assert measures["support_force_n"] == pytest.approx(12 * weight / 9.0 * 1e-3, rel=1e-3)
+    assert measures["force_n"] == 0.0
+
+
+def test_given_springs_take_the_place_of_the_moduli(problem, equilibrium):
+    stiffness = np.zeros((13, *problem.modulus.shape), np.float32)
+    spring_stiffness(problem.modulus, stiffness)
+    given = replace(problem, stiffness=stiffness)
+    state = solve(given, 1e-5)
+    assert distance(state, equilibrium, problem).max() < 1e-4
+    # Twice as stiff is as far, and bears twice the force.
+    stiffer = replace(problem, stiffness=2.0 * stiffness)
+    doubled = solve(stiffer, 1e-5)
+    assert distance(doubled, equilibrium, problem).max() < 1e-4
+    force, twice = (
+        spring_measures(case, result, 1.0)["force_n"]
+        for case, result in ((given, state), (stiffer, doubled))
+    )
+    assert twice == pytest.approx(2.0 * force, rel=1e-4)
+
+
+def test_a_coarser_lattice_sags_as_far_under_a_given_force(problem):
+    """Solved at half the resolution and brought back, a body force moves the breast alike."""
+    force = problem.tissue.astype(np.float32) * np.float32(-0.02)
+    heavy = replace(problem.released(), force=(None, None, force))
+    coarse = coarsened(heavy)
+    half = interpolated(solve(coarse, 1e-5).displacement, coarse.tissue, heavy)
+    fine = solve(heavy, 1e-5).displacement
+    tip = np.argwhere(problem.tissue)[:, 0].max() // 2
+    tissue = problem.tissue[tip]
+    # A coarse lattice of 8 x 14 x 13 nodes is a rough likeness of the fine one.
+    assert half[2][tip][tissue].mean() == pytest.approx(fine[2][tip][tissue].mean(), rel=0.25)
 
 
 def test_volume_and_inverted_cells_at_rest():

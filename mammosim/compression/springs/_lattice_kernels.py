@@ -1,10 +1,13 @@
-"""Kernels on the spring lattice itself: springs are never stored, only the nodes' moduli.
+"""Kernels on the spring lattice itself.
 
 Arrays are [x, y, z] with one layer of air around, so that every node has 26 neighbours in memory;
-air has modulus 0 and thereby springs of stiffness 0. ``span[i, j]`` holds the first and one past
-the last z index with tissue in a column; kernels visit only that. The stiffness of a spring is
-``min(E(n), E(m))``; `u` is one component of the displacement in lattice units. Indices along z are
-unsigned, which spares the compiler the test for negative ones and lets it vectorise.
+``span[i, j]`` holds the first and one past the last z index with tissue in a column; kernels visit
+only that. `springs` is either the modulus of each node [x, y, z], 0 in air, a spring having the
+smaller of its two: nothing is stored then; or the stiffness of each spring [13, x, y, z], from a
+node to those of its neighbours that lie ahead in the order ``9 (dx+1) + 3 (dy+1) + (dz+1)``. The
+compiler sees which from the number of axes. `u` is one component of the displacement in lattice
+units. Indices along z are unsigned, which spares the compiler the test for negative ones and lets
+it vectorise.
 """
 
 import numpy as np
@@ -16,10 +19,8 @@ _ONE = np.uint64(1)
 
 
 @contracting_kernel
-def _column_residual(modulus, u, load, i, j, first, last, out):
+def _column_residual(springs, u, load, i, j, first, last, out):
     """``out = load + sum over 26 springs of w (u_m - u_n)`` for one column; no load if None."""
-    own = modulus[i, j]
-    here = u[i, j]
     if load is None:
         for k in range(first, last):
             out[k] = 0.0
@@ -27,6 +28,17 @@ def _column_residual(modulus, u, load, i, j, first, last, out):
         column_load = load[i, j]
         for k in range(first, last):
             out[k] = column_load[k]
+    if springs.ndim == 3:
+        _add_pulls_of_moduli(springs, u, i, j, first, last, out)
+    else:
+        _add_pulls_of_springs(springs, u, i, j, first, last, out)
+
+
+@contracting_kernel
+def _add_pulls_of_moduli(modulus, u, i, j, first, last, out):
+    """Add what the springs of each node of a column pull, each as stiff as its softer node."""
+    own = modulus[i, j]
+    here = u[i, j]
     for di in range(-1, 2):
         for dj in range(-1, 2):
             other = modulus[i + di, j + dj]
@@ -46,8 +58,28 @@ def _column_residual(modulus, u, load, i, j, first, last, out):
                 )
 
 
+@contracting_kernel
+def _add_pulls_of_springs(stiffness, u, i, j, first, last, out):
+    """The same where the stiffness of each spring is given."""
+    here = u[i, j]
+    for number in range(13):
+        di, dj, shift = _ahead(number)
+        ahead, behind = u[i + di, j + dj], u[i - di, j - dj]
+        own, other = stiffness[number, i, j], stiffness[number, i - di, j - dj]
+        for k in range(first, last):
+            up, down = k + shift - _ONE, k + _ONE - shift
+            out[k] += own[k] * (ahead[up] - here[k]) + other[down] * (behind[down] - here[k])
+
+
+@contracting_kernel
+def _ahead(number):
+    """(dx, dy, dz + 1) of the neighbour that stored spring `number` leads to."""
+    flat = number + 14
+    return flat // 9 - 1, (flat // 3) % 3 - 1, np.uint64(flat % 3)
+
+
 @contracting_parallel_kernel
-def lattice_residual(modulus, span, free, u, load, out):
+def lattice_residual(springs, span, free, u, load, out):
     """``out = free * (load - A u)``: net force on each free node, lattice units x kPa.
 
     It is summed in the precision of `u`, whatever that of `out`.
@@ -57,14 +89,14 @@ def lattice_residual(modulus, span, free, u, load, out):
         for j in range(1, u.shape[1] - 1):
             first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
             if first < last:
-                _column_residual(modulus, u, load, i, j, first, last, force)
+                _column_residual(springs, u, load, i, j, first, last, force)
                 row, mask = out[i, j], free[i, j]
                 for k in range(first, last):
                     row[k] = mask[k] * force[k]
 
 
 @contracting_parallel_kernel
-def lattice_smooth(modulus, span, inverse_diagonal, u, load, keep, gain, direction, out):
+def lattice_smooth(springs, span, inverse_diagonal, u, load, keep, gain, direction, out):
     """``direction = keep direction + gain D^-1 (load - A u)``; ``out = u + direction``.
 
     `inverse_diagonal` is 0 where a node may not move.
@@ -74,7 +106,7 @@ def lattice_smooth(modulus, span, inverse_diagonal, u, load, keep, gain, directi
         for j in range(1, u.shape[1] - 1):
             first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
             if first < last:
-                _column_residual(modulus, u, load, i, j, first, last, force)
+                _column_residual(springs, u, load, i, j, first, last, force)
                 here, row = u[i, j], out[i, j]
                 step, scale = direction[i, j], inverse_diagonal[i, j]
                 for k in range(first, last):
@@ -83,23 +115,61 @@ def lattice_smooth(modulus, span, inverse_diagonal, u, load, keep, gain, directi
 
 
 @contracting_parallel_kernel
-def lattice_diagonal(modulus, span, out):
+def lattice_diagonal(springs, span, out):
     """``out = sum of the stiffness of the 26 springs of each tissue node``, 0 in air."""
-    for i in prange(1, modulus.shape[0] - 1):
-        for j in range(1, modulus.shape[1] - 1):
+    for i in prange(1, out.shape[0] - 1):
+        stiffness = np.empty((3, out.shape[2]), np.float32)
+        for j in range(1, out.shape[1] - 1):
             first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
-            own, row = modulus[i, j], out[i, j]
+            row = out[i, j]
             for k in range(first, last):
-                row[k] = -own[k]
+                row[k] = 0.0
             for di in range(-1, 2):
                 for dj in range(-1, 2):
-                    other = modulus[i + di, j + dj]
+                    column_stiffness(springs, i, j, di, dj, first, last, stiffness)
                     for k in range(first, last):
-                        row[k] += (
-                            min(own[k], other[k - _ONE])
-                            + min(own[k], other[k])
-                            + min(own[k], other[k + _ONE])
-                        )
+                        row[k] += stiffness[0, k] + stiffness[1, k] + stiffness[2, k]
+
+
+@contracting_kernel
+def column_stiffness(springs, i, j, di, dj, first, last, out):
+    """Stiffness of the springs (di, dj, -1 .. 1) of each node of a column, `out` being [3, z].
+
+    The spring of a node to itself is 0.
+    """
+    if springs.ndim == 3:
+        own, other = springs[i, j], springs[i + di, j + dj]
+        for k in range(first, last):
+            e = own[k]
+            out[0, k] = min(e, other[k - _ONE])
+            out[1, k] = min(e, other[k])
+            out[2, k] = min(e, other[k + _ONE])
+    else:
+        for step in range(3):
+            flat = 9 * (di + 1) + 3 * (dj + 1) + step
+            row = out[step]
+            if flat > 13:
+                own = springs[flat - 14, i, j]
+                for k in range(first, last):
+                    row[k] = own[k]
+            elif flat < 13:
+                other, shift = springs[12 - flat, i + di, j + dj], np.uint64(step)
+                for k in range(first, last):
+                    row[k] = other[k + shift - _ONE]
+    if di == 0 and dj == 0:
+        out[1, first:last] = 0.0
+
+
+@contracting_parallel_kernel
+def spring_stiffness(modulus, out):
+    """``out[13, x, y, z] = min(E(n), E(m))``: the stiffness of each spring from nodes' moduli."""
+    for i in prange(1, modulus.shape[0] - 1):
+        for number in range(13):
+            di, dj, shift = _ahead(number)
+            for j in range(1, modulus.shape[1] - 1):
+                own, other, row = modulus[i, j], modulus[i + di, j + dj], out[number, i, j]
+                for k in range(_ONE, np.uint64(modulus.shape[2] - 1)):
+                    row[k] = min(own[k], other[k + shift - _ONE])
 
 
 @contracting_parallel_kernel
@@ -131,16 +201,18 @@ def cell_stretch(modulus, z_displacement, out):
 
 
 @contracting_parallel_kernel
-def stretch_loads(modulus, span, stretch, out_x, out_y):
+def stretch_loads(springs, span, stretch, out_x, out_y):
     """Loads along x and y of springs that are longer than at rest by the stretch S - 1.
 
     The spring to neighbour (a, b, c) has S, the mean of `stretch` over the participating cells
     that contain both nodes (1 where there is none), and pulls n with w a (1 - S) along x.
     """
-    for i in prange(1, modulus.shape[0] - 1):
-        total = np.empty(modulus.shape[2])
-        cells = np.empty(modulus.shape[2])
-        for j in range(1, modulus.shape[1] - 1):
+    nx, ny, nz = stretch.shape
+    for i in prange(1, nx - 1):
+        total = np.empty(nz)
+        cells = np.empty(nz)
+        stiffness = np.empty((3, nz), np.float32)
+        for j in range(1, ny - 1):
             first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
             if first >= last:
                 continue
@@ -151,10 +223,8 @@ def stretch_loads(modulus, span, stretch, out_x, out_y):
                 for b in range(-1, 2):
                     if a != 0 or b != 0:
                         _columns_stretch(stretch, i, j, a, b, first, last, total, cells)
-                        other = modulus[i + a, j + b]
-                        _add_stretch_loads(
-                            modulus[i, j], other, total, cells, a, b, first, last, row_x, row_y
-                        )
+                        column_stiffness(springs, i, j, a, b, first, last, stiffness)
+                        _add_stretch_loads(stiffness, total, cells, a, b, first, last, row_x, row_y)
 
 
 @contracting_kernel
@@ -172,20 +242,15 @@ def _columns_stretch(stretch, i, j, a, b, first, last, total, cells):
 
 
 @contracting_kernel
-def _add_stretch_loads(own, other, total, cells, a, b, first, last, row_x, row_y):
+def _add_stretch_loads(stiffness, total, cells, a, b, first, last, row_x, row_y):
     """Add what the three springs (a, b, -1 .. 1) of each node of a column pull along x and y."""
     for k in range(first, last):
-        below, above = k - _ONE, k + _ONE
-        e = own[k]
-        down, up = other[below], other[above]
-        level = other[k] if other[k] < e else e
-        down = down if down < e else e
-        up = up if up < e else e
-        down *= 1.0 - total[below] / cells[below] if cells[below] > 0.0 else 0.0
-        up *= 1.0 - total[k] / cells[k] if cells[k] > 0.0 else 0.0
+        below = k - _ONE
         both = cells[below] + cells[k]
-        level *= 1.0 - (total[below] + total[k]) / both if both > 0.0 else 0.0
-        pull = down + level + up
+        down = 1.0 - total[below] / cells[below] if cells[below] > 0.0 else 0.0
+        up = 1.0 - total[k] / cells[k] if cells[k] > 0.0 else 0.0
+        level = 1.0 - (total[below] + total[k]) / both if both > 0.0 else 0.0
+        pull = down * stiffness[0, k] + level * stiffness[1, k] + up * stiffness[2, k]
         row_x[k] += a * pull
         row_y[k] += b * pull
 

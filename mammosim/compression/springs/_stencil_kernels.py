@@ -11,6 +11,7 @@ import numpy as np
 from numba import prange
 
 from mammosim._jit import contracting_kernel, sized_kernel
+from mammosim.compression.springs._lattice_kernels import column_stiffness
 
 _ONE = np.uint64(1)
 
@@ -116,11 +117,11 @@ def add_interpolated(coarse, span, free, fine):
 
 
 @sized_kernel
-def galerkin_of_lattice(modulus, diagonal, free, out):
+def galerkin_of_lattice(springs, diagonal, free, out):
     """Stencil of ``P^T A P`` on the first coarse level, A being the lattice among free nodes."""
     for i in prange(1, out.shape[1] - 1):
-        half = np.zeros((27, modulus.shape[1], modulus.shape[2]), np.float32)
-        _collapse_lattice_x(modulus, diagonal, free, i, half)
+        half = np.zeros((27, free.shape[1], free.shape[2]), np.float32)
+        _collapse_x(springs, diagonal, free, i, half)
         _collapse_yz(half, i, out)
 
 
@@ -129,7 +130,7 @@ def galerkin_of_stencil(stencil, out):
     """Stencil of ``P^T A P`` on the next coarse level."""
     for i in prange(1, out.shape[1] - 1):
         half = np.zeros((27, stencil.shape[2], stencil.shape[3]), np.float32)
-        _collapse_stencil_x(stencil, i, half)
+        _collapse_x(stencil, None, None, i, half)
         _collapse_yz(half, i, out)
 
 
@@ -140,59 +141,71 @@ def _coarse_weight(reach, step):
 
 
 @contracting_kernel
-def _collapse_lattice_x(modulus, diagonal, free, i, half):
-    """Sum over fine x around coarse layer `i`: stencil [27, y, z], still fine along y and z."""
-    ny, nz = modulus.shape[1], np.uint64(modulus.shape[2] - 1)
+def _collapse_x(operator, diagonal, free, i, half):
+    """Sum over fine x around coarse layer `i`: stencil [27, y, z], still fine along y and z.
+
+    `operator` is a stencil, or the springs of a lattice if `free` is not None.
+    """
+    ny, nz = half.shape[1], np.uint64(half.shape[2] - 1)
+    fine_layers = operator.shape[-3]
+    row = np.empty((3, half.shape[2]), np.float32)
     for ti in range(-1, 2):
         fi = 2 * i - 1 + ti
-        if fi < 1 or fi > modulus.shape[0] - 2:
+        if fi < 1 or fi > fine_layers - 2:
             continue
-        for offset in range(27):
-            di, dj, dk = offset // 9 - 1, (offset // 3) % 3 - 1, offset % 3 - 1
-            shift = np.uint64(dk + 1)
-            for step in range(-1, 2):
-                weight = np.float32((1.0 - 0.5 * abs(ti)) * _coarse_weight(ti + di, step))
-                if weight == 0.0:
-                    continue
-                plane = half[9 * (step + 1) + offset % 9]
-                for j in range(1, ny - 1):
-                    own, other = modulus[fi, j], modulus[fi + di, j + dj]
-                    mask, mask_other = free[fi, j], free[fi + di, j + dj]
-                    row, diag = plane[j], diagonal[fi, j]
-                    if offset == 13:
-                        for k in range(_ONE, nz):
-                            row[k] += weight * mask[k] * diag[k]
-                    else:
-                        for k in range(_ONE, nz):
-                            m = k + shift - _ONE
-                            e = other[m] if other[m] < own[k] else own[k]
-                            row[k] -= weight * mask[k] * mask_other[m] * e
+        for j in range(1, ny - 1):
+            for pair in range(9):
+                di, dj = pair // 3 - 1, pair % 3 - 1
+                _operator_row(operator, diagonal, free, fi, j, di, dj, row)
+                for step in range(-1, 2):
+                    weight = np.float32((1.0 - 0.5 * abs(ti)) * _coarse_weight(ti + di, step))
+                    if weight > 0.0:
+                        for c in range(3):
+                            source = row[c]
+                            target = half[9 * (step + 1) + 3 * (dj + 1) + c, j]
+                            for k in range(_ONE, nz):
+                                target[k] += weight * source[k]
 
 
 @contracting_kernel
-def _collapse_stencil_x(stencil, i, half):
-    """The same for a level whose stencil is stored."""
-    ny, nz = stencil.shape[2], np.uint64(stencil.shape[3] - 1)
-    for ti in range(-1, 2):
-        fi = 2 * i - 1 + ti
-        if fi < 1 or fi > stencil.shape[1] - 2:
-            continue
-        for offset in range(27):
-            di, dj, dk = offset // 9 - 1, (offset // 3) % 3 - 1, offset % 3 - 1
-            for step in range(-1, 2):
-                weight = np.float32((1.0 - 0.5 * abs(ti)) * _coarse_weight(ti + di, step))
-                if weight == 0.0:
-                    continue
-                plane = half[9 * (step + 1) + offset % 9]
-                for j in range(1, ny - 1):
-                    row = plane[j]
-                    if offset >= 13:
-                        source, shift = stencil[offset - 13, fi, j], _ONE
-                    else:
-                        source = stencil[13 - offset, fi + di, j + dj]
-                        shift = np.uint64(dk + 1)
-                    for k in range(_ONE, nz):
-                        row[k] += weight * source[k + shift - _ONE]
+def _operator_row(operator, diagonal, free, i, j, di, dj, out):
+    """Coefficients of neighbours (di, dj, -1 .. 1) along one row, `out` being [3, z]."""
+    if operator.ndim == 3:  # a test by itself, so that the compiler leaves the others out
+        _lattice_row(operator, diagonal, free, i, j, di, dj, out)
+    elif free is None:
+        _stencil_row(operator, i, j, di, dj, out)
+    else:
+        _lattice_row(operator, diagonal, free, i, j, di, dj, out)
+
+
+@contracting_kernel
+def _stencil_row(stencil, i, j, di, dj, out):
+    """Coefficients of a stored stencil."""
+    last = np.uint64(stencil.shape[3] - 1)
+    for c in range(3):
+        flat = 9 * (di + 1) + 3 * (dj + 1) + c
+        source, shift = stencil[abs(flat - 13), i, j], _ONE
+        if flat < 13:
+            source, shift = stencil[13 - flat, i + di, j + dj], np.uint64(c)
+        row = out[c]
+        for k in range(_ONE, last):
+            row[k] = source[k + shift - _ONE]
+
+
+@contracting_kernel
+def _lattice_row(springs, diagonal, free, i, j, di, dj, out):
+    """Coefficients of the lattice among its free nodes."""
+    last = np.uint64(free.shape[2] - 1)
+    column_stiffness(springs, i, j, di, dj, _ONE, last, out)
+    own, other = free[i, j], free[i + di, j + dj]
+    for c in range(3):
+        row, shift = out[c], np.uint64(c)
+        for k in range(_ONE, last):
+            row[k] *= -own[k] * other[k + shift - _ONE]
+    if di == 0 and dj == 0:
+        diag, row = diagonal[i, j], out[1]
+        for k in range(_ONE, last):
+            row[k] = own[k] * diag[k]
 
 
 @contracting_kernel

@@ -10,7 +10,7 @@ of half the resolution, solved first, gives the start.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,22 +127,23 @@ class _Run:
         """Bring a displacement to equilibrium, in place."""
         ux, uy, uz = displacement
         problem = self.problem
-        span, diagonal = problem.span(), np.zeros_like(problem.modulus)
-        lattice.lattice_diagonal(problem.modulus, span, diagonal)
-        free = (problem.tissue & ~problem.fixed).astype(np.float32)
-        level = LatticeLevel(problem.modulus, span, diagonal, free)
+        level = LatticeLevel.of(problem)
+        free = level.free
         unheld, error, converged, interrupted = Multigrid(level, Workspace()), np.inf, False, False
         load_x, load_y, stretch = (np.zeros(ux.shape, np.float32) for _ in range(3))
         along_x = _Axis("x", level, unheld, load_x, CHEST_WALL_INDEX, np.inf)
         along_y = _Axis("y", level, unheld, load_y, -np.inf, np.inf)
-        along_z = _Axis("z", level, unheld, None, problem.lower, problem.upper)
+        along_z = _Axis("z", level, unheld, problem.force[2], problem.lower, problem.upper)
         everywhere, between = free.astype(np.uint8), np.zeros(ux.shape, np.uint8)
         sliding = lattice.follow_edge(ux, free, problem.edge, LEAVING, between)
         try:
             for _ in range(self.max_rounds):
                 error, changes = self._balance(along_z, uz, between)
                 lattice.cell_stretch(problem.modulus, uz, stretch)
-                lattice.stretch_loads(problem.modulus, span, stretch, load_x, load_y)
+                lattice.stretch_loads(level.springs, level.span, stretch, load_x, load_y)
+                for force, load in zip(problem.force, (load_x, load_y), strict=False):
+                    if force is not None:
+                        vectors.add_scaled(np.float32(1.0), force, load)
                 error_x, changes_x = self._balance(along_x, ux, everywhere)
                 error = max(error, error_x)
                 settled = sliding == changes == changes_x == 0
@@ -200,7 +201,7 @@ class _Axis:
     ) -> None:
         self.name = name
         self._base, self._unheld, self._load, self._bounds = base, unheld, load, (lower, upper)
-        self._contact = np.zeros(base.modulus.shape, np.int8)
+        self._contact = np.zeros(base.free.shape, np.int8)
         self.held = 0
         self.multigrid = unheld
 
@@ -234,7 +235,7 @@ class _Axis:
         if changes:
             self.held = int(np.count_nonzero(self._contact))
             free = base.free * (self._contact == 0)
-            finest = LatticeLevel(base.modulus, base.span, base.diagonal, free)
+            finest = replace(base, free=free)
             if self.multigrid is self._unheld or changes > STALE_PART * self.held:
                 self.multigrid = Multigrid(finest, workspace)
             else:

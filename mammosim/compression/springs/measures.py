@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression.springs import _lattice_kernels as lattice
 from mammosim.compression.springs._measure_kernels import (
     cell_volumes,
     held_columns,
     touching_area,
 )
+from mammosim.compression.springs.multigrid import LatticeLevel
 from mammosim.compression.springs.problem import SpringProblem, SpringState
 
 TOUCH_VOXEL = 1e-6
@@ -85,11 +85,10 @@ def volume_measures(
 def _contact(
     problem: SpringProblem, state: SpringState
 ) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
-    """Which plate holds each node, and the springs' force on it along z, kPa x lattice units."""
+    """Which plate holds each node, and the other forces on it along z, kPa x lattice units."""
     uz = state.displacement[2]
     force = np.zeros(uz.shape, np.float32)
-    free = (problem.tissue & ~problem.fixed).astype(np.float32)
-    lattice.lattice_residual(problem.modulus, problem.span(), free, uz, None, force)
+    LatticeLevel.of(problem).residual(uz, problem.force[2], force)
     z = np.arange(uz.shape[2]) + uz
     contact = np.zeros(uz.shape, np.int8)
     contact[(z >= problem.upper - TOUCH_VOXEL) & (force > 0.0)] = 1

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mammosim.compression.springs import _lattice_kernels as lattice
 from mammosim.compression.springs import _stencil_kernels as stencils
 from mammosim.compression.springs import _vector_kernels as vectors
+from mammosim.compression.springs.problem import SpringProblem
 
 COARSEST_NODES = 200
 """A level with no more moving nodes than this is solved directly."""
@@ -41,12 +42,12 @@ Field = NDArray[np.floating]
 
 @dataclass(frozen=True, eq=False)
 class LatticeLevel:
-    """The finest level: nodes' moduli in place of an operator.
+    """The finest level: nodes' moduli in place of an operator, or each spring's stiffness.
 
     Parameters
     ----------
-    modulus : ndarray of float32, [x, y, z]
-        Modulus of each node, kPa, 0 in air and in the layer around.
+    springs : ndarray of float32, [x, y, z] or [13, x, y, z]
+        Modulus of each node, or stiffness of each spring, kPa; 0 in air and in the layer around.
     span : ndarray of int32, [x, y, 2]
         First and one past the last z index with tissue.
     diagonal : ndarray of float32, [x, y, z]
@@ -55,15 +56,23 @@ class LatticeLevel:
         1 where a node may move, else 0.
     """
 
-    modulus: Field
+    springs: Field
     span: NDArray[np.int32]
     diagonal: Field
     free: Field
     largest_eigenvalue: ClassVar[float] = LATTICE_EIGENVALUE
 
+    @classmethod
+    def of(cls, problem: SpringProblem) -> LatticeLevel:
+        """Level of a lattice of which nothing but its fixed nodes is held."""
+        springs = problem.modulus if problem.stiffness is None else problem.stiffness
+        span, diagonal = problem.span(), np.zeros_like(problem.modulus)
+        lattice.lattice_diagonal(springs, span, diagonal)
+        return cls(springs, span, diagonal, (problem.tissue & ~problem.fixed).astype(np.float32))
+
     def residual(self, u: Field, load: Field | None, out: Field) -> None:
         """``out = free * (load - A u)``."""
-        lattice.lattice_residual(self.modulus, self.span, self.free, u, load, out)
+        lattice.lattice_residual(self.springs, self.span, self.free, u, load, out)
 
     def smooth(
         self,
@@ -76,12 +85,12 @@ class LatticeLevel:
         out: Field,
     ) -> None:
         """One Chebyshev step from `u` to `out`."""
-        lattice.lattice_smooth(self.modulus, self.span, scale, u, load, keep, gain, step, out)
+        lattice.lattice_smooth(self.springs, self.span, scale, u, load, keep, gain, step, out)
 
     def coarsened(self) -> StencilLevel:
         """The Galerkin operator of the next level."""
-        stencil = np.zeros((14, *coarse_shape(self.modulus.shape)), np.float32)
-        stencils.galerkin_of_lattice(self.modulus, self.diagonal, self.free, stencil)
+        stencil = np.zeros((14, *coarse_shape(self.free.shape)), np.float32)
+        stencils.galerkin_of_lattice(self.springs, self.diagonal, self.free, stencil)
         return StencilLevel.of(stencil)
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+Forces = tuple[NDArray[np.float32] | None, NDArray[np.float32] | None, NDArray[np.float32] | None]
 
 CHEST_WALL_INDEX = 1
 """x index of the first tissue layer: arrays have one layer of air around."""
@@ -27,6 +29,17 @@ class SpringProblem:
         z of the faces of breast support and paddle.
     edge : float
         x of the plates' edge: a node beyond it lies between the plates.
+    force : tuple of three (ndarray of float32 or None), [x, y, z]
+        Force on each node along x, y and z from outside, kPa x lattice units: a force of F mN on a
+        node of a lattice of spacing h mm is 9 F / h^2, in the scale of the springs (a spring of
+        modulus E stretched by Delta mm carries (E / 9) h Delta mN). None: no such force.
+    stiffness : ndarray of float32, [13, x, y, z], optional
+        Stiffness of each spring, kPa, in place of the smaller modulus of its two nodes: from a
+        node to those of its 26 neighbours that lie ahead in the order ``9 (dx+1) + 3 (dy+1) +
+        (dz+1)``; 0 where either is air. `modulus` then only says what is tissue.
+    growth : ndarray of float32, [x, y, z], optional
+        Enl of springs that stiffen as they are strained: a spring strained by e has the smaller
+        ``modulus exp(growth e)`` of its two nodes. None: linear springs.
     """
 
     modulus: NDArray[np.float32]
@@ -34,6 +47,9 @@ class SpringProblem:
     lower: float
     upper: float
     edge: float
+    force: Forces = (None, None, None)
+    stiffness: NDArray[np.float32] | None = None
+    growth: NDArray[np.float32] | None = None
 
     @property
     def tissue(self) -> NDArray[np.bool_]:
@@ -51,7 +67,7 @@ class SpringProblem:
 
     def released(self) -> SpringProblem:
         """The same lattice with the plates taken away."""
-        return SpringProblem(self.modulus, self.fixed, -np.inf, np.inf, np.inf)
+        return replace(self, lower=-np.inf, upper=np.inf, edge=np.inf)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ Displacement = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float6
 def coarsened(problem: SpringProblem) -> SpringProblem:
     """The problem on every second node, with the mean modulus of the tissue around each.
 
-    Nodes that would hang on nothing are left out.
+    Nodes that would hang on nothing are left out. Springs whose stiffness is given become those of
+    the nodes' moduli: what is found here only is a start.
     """
     shape = coarse_shape(problem.modulus.shape)
     total, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
@@ -30,13 +31,26 @@ def coarsened(problem: SpringProblem) -> SpringProblem:
         target[tuple(slice(1, 1 + n) for n in part.shape)] = part
     tissue &= held_together(tissue, fixed)
     modulus = np.divide(total, weight, out=np.zeros(shape, np.float32), where=tissue)
+    force_x, force_y, force_z = problem.force
     return SpringProblem(
         modulus,
         fixed & tissue,
         (problem.lower + 1.0) / 2.0,
         (problem.upper + 1.0) / 2.0,
         (problem.edge + 1.0) / 2.0,
+        (_gathered(force_x, tissue), _gathered(force_y, tissue), _gathered(force_z, tissue)),
     )
+
+
+def _gathered(
+    force: NDArray[np.float32] | None, tissue: NDArray[np.bool_]
+) -> NDArray[np.float32] | None:
+    """Force on coarse nodes: the sum around each, over 4 since forces scale with h^2 u."""
+    if force is None:
+        return None
+    total = np.zeros(tissue.shape, np.float32)
+    restrict(force, total)
+    return np.where(tissue, np.float32(0.25) * total, np.float32(0.0))
 
 
 def interpolated(
