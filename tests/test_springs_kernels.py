@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from make_springs import half_ellipsoid, random_lattice
@@ -10,7 +12,7 @@ from naive import springs as naive
 from mammosim.compression.springs import SpringProblem
 from mammosim.compression.springs import _lattice_kernels as lattice
 from mammosim.compression.springs import _stencil_kernels as stencils
-from mammosim.compression.springs._relaxation_kernels import mark_nodes, sweep
+from mammosim.compression.springs._relaxation_kernels import Springs, mark_nodes, sweep
 from mammosim.compression.springs.multigrid import (
     LatticeLevel,
     Multigrid,
@@ -20,25 +22,29 @@ from mammosim.compression.springs.multigrid import (
 
 
 def level_of(modulus: np.ndarray, fixed: np.ndarray) -> LatticeLevel:
-    problem = SpringProblem(modulus, fixed, -np.inf, np.inf, np.inf)
-    diagonal = np.zeros_like(modulus)
-    lattice.lattice_diagonal(modulus, problem.span(), diagonal)
-    free = (problem.tissue & ~fixed).astype(np.float32)
-    return LatticeLevel(modulus, problem.span(), diagonal, free)
+    return LatticeLevel.of(SpringProblem(modulus, fixed, -np.inf, np.inf, np.inf))
 
 
-def forces(modulus: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+def stored(modulus: np.ndarray) -> np.ndarray:
+    """Stiffness of each spring of a lattice, [13, x, y, z]."""
+    stiffness = np.zeros((13, *modulus.shape), np.float32)
+    lattice.spring_stiffness(modulus, stiffness)
+    return stiffness
+
+
+def forces(modulus: np.ndarray, displacement: np.ndarray, springs=None) -> np.ndarray:
     """Net force on every tissue node by the compiled kernels, [component, x, y, z]."""
+    springs = modulus if springs is None else springs
     span = SpringProblem(modulus, modulus > 1e9, 0, 0, 0).span()
     everyone = (modulus > 0).astype(np.float32)
     stretch = np.zeros(modulus.shape)
     lattice.cell_stretch(modulus, displacement[2], stretch)
     loads = np.zeros_like(displacement)
-    lattice.stretch_loads(modulus, span, stretch, loads[0], loads[1])
+    lattice.stretch_loads(springs, span, stretch, loads[0], loads[1])
     out = np.zeros_like(displacement)
     for axis in range(3):
         lattice.lattice_residual(
-            modulus, span, everyone, displacement[axis], loads[axis], out[axis]
+            springs, span, everyone, displacement[axis], loads[axis], out[axis]
         )
     return out
 
@@ -53,6 +59,31 @@ def test_net_forces_are_those_of_the_definition(seed):
         expected = naive.net_force(modulus, places, n)
         # Double precision, sums of 26 terms of size 10.
         np.testing.assert_allclose(ours[(slice(None), *n)], expected, atol=1e-10)
+
+
+def test_stored_springs_pull_as_those_of_the_moduli():
+    modulus = random_lattice(2)
+    displacement = np.random.default_rng(2).normal(0.0, 0.3, (3, *modulus.shape))
+    # Double precision, the sums of 26 terms of size 10 taken in another order.
+    np.testing.assert_allclose(
+        forces(modulus, displacement, stored(modulus)), forces(modulus, displacement), atol=1e-10
+    )
+
+
+def test_levels_of_stored_springs_are_those_of_the_moduli():
+    problem = half_ellipsoid((9, 12, 11))
+    levels = [LatticeLevel.of(problem)]
+    levels.append(LatticeLevel.of(replace(problem, stiffness=stored(problem.modulus))))
+    np.testing.assert_array_equal(levels[0].diagonal, levels[1].diagonal)
+    np.testing.assert_array_equal(levels[0].coarsened().stencil, levels[1].coarsened().stencil)
+    load = np.random.default_rng(2).normal(size=problem.modulus.shape).astype(np.float32)
+    steps = []
+    for level in levels:
+        u, step, out = load.copy(), np.zeros_like(load), np.zeros_like(load)
+        level.smooth(level.free, u, load, np.float32(0.0), np.float32(0.5), step, out)
+        steps.append(out)
+    # Single precision, sums of 26 terms of size 50 in another order.
+    np.testing.assert_allclose(steps[0], steps[1], atol=1e-4)
 
 
 def test_both_ends_of_a_spring_see_the_same_length():
@@ -80,10 +111,13 @@ def test_a_lattice_at_rest_bears_no_force():
     assert not forces(modulus, np.zeros((3, *modulus.shape))).any()
 
 
-def test_sweep_is_that_of_the_definition():
+@pytest.mark.parametrize("stiffening", [False, True])
+def test_sweep_is_that_of_the_definition(stiffening):
     problem = half_ellipsoid((5, 8, 7), gap=0.6)
     rng = np.random.default_rng(6)
-    orders = [rng.permutation(np.arange(1, n - 1)) for n in problem.modulus.shape]
+    growth = np.where(problem.modulus > 5.0, 10.0, 7.5).astype(np.float32) if stiffening else None
+    force = (None, rng.normal(size=problem.modulus.shape), np.full(problem.modulus.shape, -0.3))
+    orders = tuple(rng.permutation(np.arange(1, n - 1)) for n in problem.modulus.shape)
     places = np.indices(problem.modulus.shape, dtype=np.float64)
     places += np.where(problem.tissue, rng.normal(0.0, 0.1, places.shape), 0.0)
     x, y, z = (place.copy() for place in places)
@@ -91,8 +125,8 @@ def test_sweep_is_that_of_the_definition():
     visited = np.zeros(problem.modulus.shape, np.uint8)
     mark_nodes(problem.modulus, problem.fixed, visited)
     assert set(np.unique(visited)) == {0, 1, 2}
-    sweep(problem.modulus, visited, x, y, z, *orders, plates, sums)
-    expected = naive.sweep(problem.modulus, problem.fixed, places, orders, plates)
+    sweep(Springs(problem.modulus, growth, force, visited), x, y, z, orders, plates, sums)
+    expected = naive.sweep(problem.modulus, problem.fixed, places, orders, plates, growth, force)
     np.testing.assert_allclose(sums, expected, rtol=1e-12)
     np.testing.assert_allclose([x, y, z], places, atol=1e-12)
 

@@ -37,28 +37,44 @@ def equilibrium_length(modulus: np.ndarray, z: np.ndarray, n: tuple, offset: tup
     return np.array([offset[0] * mean, offset[1] * mean, offset[2]])
 
 
-def net_force(modulus: np.ndarray, places: np.ndarray, n: tuple) -> np.ndarray:
+def stiffened(modulus, growth, n: tuple, m: tuple, strain: float) -> tuple[float, float]:
+    """Stiffness of a strained spring, and how much steeper than that its force is per strain."""
+    grown = [(modulus[a] * np.exp(growth[a] * min(strain, 0.6)), growth[a]) for a in (n, m)]
+    softer = min(grown, key=lambda pair: pair[0])
+    return float(softer[0]), float(softer[1]) if strain < 0.6 else 0.0
+
+
+def spring_force(modulus, growth, places, n: tuple, offset: tuple) -> tuple[np.ndarray, np.ndarray]:
+    """Force of the spring from n to n + offset on n, and its slope along each axis."""
+    m = tuple(np.add(n, offset))
+    if modulus[m] == 0.0:
+        return np.zeros(3), np.zeros(3)
+    gap = places[(slice(None), *m)] - places[(slice(None), *n)]
+    length = equilibrium_length(modulus, places[2], n, offset)
+    if growth is None:
+        w = stiffness(modulus, n, m)
+        return w * (gap - length), np.full(3, w)
+    reach, at_rest = np.linalg.norm(gap), np.linalg.norm(length)
+    w, rise = stiffened(modulus, growth, n, m, abs(reach / at_rest - 1.0))
+    return w * (gap - length), w + w * rise * np.abs(gap * (gap - length)) / (reach * at_rest)
+
+
+def net_force(modulus: np.ndarray, places: np.ndarray, n: tuple, growth=None) -> np.ndarray:
     """Net force on node n; `places` is [component, x, y, z]."""
-    total = np.zeros(3)
-    for offset in NEIGHBOURS:
-        m = tuple(np.add(n, offset))
-        gap = places[(slice(None), *m)] - places[(slice(None), *n)]
-        length = equilibrium_length(modulus, places[2], n, offset)
-        total += stiffness(modulus, n, m) * (gap - length)
-    return total
+    return sum(spring_force(modulus, growth, places, n, offset)[0] for offset in NEIGHBOURS)
 
 
-def sweep(modulus, fixed, places, orders, plates) -> np.ndarray:
+def sweep(modulus, fixed, places, orders, plates, growth=None, force=(None,) * 3) -> np.ndarray:
     """The thesis' sweep, in place; returns the summed |dx|, |dy|, |dz| and their number."""
     lower, upper, edge, chest = plates
     sums = np.zeros(4)
     for n in product(*orders):
         if modulus[n] == 0 or fixed[n]:
             continue
-        weight = modulus[n] + sum(
-            stiffness(modulus, n, tuple(np.add(n, offset))) for offset in NEIGHBOURS
-        )
-        move = net_force(modulus, places, n) / weight
+        pulls = [spring_force(modulus, growth, places, n, offset) for offset in NEIGHBOURS]
+        total = sum(pull for pull, _ in pulls)
+        outer = np.array([0.0 if field is None else field[n] for field in force])
+        move = (total + outer) / (modulus[n] + sum(slope for _, slope in pulls))
         places[(0, *n)] = max(places[(0, *n)] + move[0], chest)
         places[(1, *n)] += move[1]
         z = places[(2, *n)] + move[2]

@@ -1,27 +1,50 @@
 """Kernel of the thesis' iteration: one sweep that moves each node to its local equilibrium."""
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
-from mammosim._jit import contracting_kernel, kernel
+from mammosim._jit import contracting_kernel, inlined_kernel, kernel
+from mammosim.compression.springs._exponential_kernels import (
+    spring_strain,
+    stiffened,
+)
+
+SHORTEST = 1e-3
+"""Length of a spring at least, lattice units, where its slope is taken."""
+
+
+class Springs(NamedTuple):
+    """What a sweep needs to know of the lattice; arrays are [x, y, z], see `SpringProblem`."""
+
+    modulus: Any
+    growth: Any
+    """None where springs are linear."""
+    force: Any
+    """Along x, y and z, each an array or None."""
+    visited: Any
+    """From `mark_nodes`."""
 
 
 @contracting_kernel
-def sweep(modulus, visited, x, y, z, order_x, order_y, order_z, plates, sums):
+def sweep(springs, x, y, z, orders, plates, sums):
     """Visit every free tissue node once and move it; in place, one after another.
 
-    `visited` comes from `mark_nodes`; `plates` is (lower, upper, edge, chest wall); `x`, `y`, `z`
-    are places in lattice units.
+    `orders` are the indices along x, y and z in the order of their visit; `plates` is (lower,
+    upper, edge, chest wall); `x`, `y`, `z` are places in lattice units.
     `sums` receives the summed |dx|, |dy|, |dz| of the counted nodes (between the plates and
     touching neither) and their number. The step is F / W where W sums the stiffness of all 27
-    terms, the node's own included.
+    terms, the node's own included; of springs that stiffen, the slope of their force.
     """
+    modulus, growth, visited = springs.modulus, springs.growth, springs.visited
+    force_x, force_y, force_z = springs.force
     lower, upper, edge, chest = plates
     stretch = np.empty((2, 2, 2))
     length = np.empty((3, 3, 3))
     sums[:] = 0.0
-    for i in order_x:
-        for j in order_y:
-            for k in order_z:
+    for i in orders[0]:
+        for j in orders[1]:
+            for k in orders[2]:
                 if visited[i, j, k] == 0:
                     continue
                 if visited[i, j, k] == 2:
@@ -29,8 +52,10 @@ def sweep(modulus, visited, x, y, z, order_x, order_y, order_z, plates, sums):
                 else:
                     _cells_around(modulus, z, i, j, k, stretch)
                     _lengths_at_surface(stretch, length)
-                fx, fy, fz, weight = _net_force(modulus, x, y, z, i, j, k, length)
-                dx, dy, dz = fx / weight, fy / weight, fz / weight
+                fx, fy, fz, wx, wy, wz = _springs_force(modulus, growth, x, y, z, i, j, k, length)
+                dx = (fx + _outer(force_x, i, j, k)) / wx
+                dy = (fy + _outer(force_y, i, j, k)) / wy
+                dz = (fz + _outer(force_z, i, j, k)) / wz
                 x[i, j, k] = max(x[i, j, k] + dx, chest)
                 y[i, j, k] += dy
                 place = z[i, j, k] + dz
@@ -78,7 +103,7 @@ def _lengths_at_surface(stretch, length):
                 length[a, b, c] = total / cells if cells > 0 else 1.0
 
 
-@contracting_kernel
+@inlined_kernel
 def _lengths_inside(z, i, j, k, length):
     """The same where all 27 nodes are tissue, so that every cell has its four z-edges."""
     for c in range(2):
@@ -101,9 +126,25 @@ def _lengths_inside(z, i, j, k, length):
             length[1, b, c] = 0.5 * (length[0, b, c] + length[2, b, c])
 
 
-@contracting_kernel
-def _net_force(modulus, x, y, z, i, j, k, length):
-    """Net force of the 26 springs of a node, and the sum of its 27 stiffnesses."""
+@inlined_kernel
+def _springs_force(modulus, growth, x, y, z, i, j, k, length):
+    """Net force of the 26 springs of a node, and the sum of its 27 stiffnesses, along each axis."""
+    if growth is None:
+        return _linear_force(modulus, x, y, z, i, j, k, length)
+    return _exponential_force(modulus, growth, x, y, z, i, j, k, length)
+
+
+@inlined_kernel
+def _outer(force, i, j, k):
+    """Force from outside on a node along one axis."""
+    if force is None:
+        return 0.0
+    return force[i, j, k]
+
+
+@inlined_kernel
+def _linear_force(modulus, x, y, z, i, j, k, length):
+    """The same for linear springs."""
     own = modulus[i, j, k]
     fx = fy = fz = weight = 0.0
     here_x, here_y, here_z = x[i, j, k], y[i, j, k], z[i, j, k]
@@ -116,7 +157,38 @@ def _net_force(modulus, x, y, z, i, j, k, length):
                 fy += w * (y[m, n, o] - here_y - (b - 1) * length[a, b, c])
                 fz += w * (z[m, n, o] - here_z - (c - 1))
                 weight += w
-    return fx, fy, fz, weight
+    return fx, fy, fz, weight, weight, weight
+
+
+@contracting_kernel
+def _exponential_force(modulus, growth, x, y, z, i, j, k, length):
+    """The same for springs that stiffen; what is summed is the slope of the force along each axis.
+
+    From F = w(e) (r - D) with e = |L / L0 - 1|: dF/dr = w + w Enl |r (r - D)| / (L L0) along an
+    axis. A step of F over the stiffness alone would be too long there, and the iteration unstable.
+    """
+    own, own_growth = modulus[i, j, k], growth[i, j, k]
+    fx = fy = fz = 0.0
+    wx = wy = wz = float(own)
+    here_x, here_y, here_z = x[i, j, k], y[i, j, k], z[i, j, k]
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                m, n, o = i - 1 + a, j - 1 + b, k - 1 + c
+                if modulus[m, n, o] == 0.0 or (a == 1 and b == 1 and c == 1):
+                    continue
+                rx, ry, rz = x[m, n, o] - here_x, y[m, n, o] - here_y, z[m, n, o] - here_z
+                dx, dy, dz = (a - 1) * length[a, b, c], (b - 1) * length[a, b, c], c - 1.0
+                e, reach, at_rest = spring_strain(rx, ry, rz, dx, dy, dz)
+                w, rise = stiffened(own, own_growth, modulus[m, n, o], growth[m, n, o], e)
+                rise *= w / (max(reach, SHORTEST) * at_rest)
+                fx += w * (rx - dx)
+                fy += w * (ry - dy)
+                fz += w * (rz - dz)
+                wx += w + rise * abs(rx * (rx - dx))
+                wy += w + rise * abs(ry * (ry - dy))
+                wz += w + rise * abs(rz * (rz - dz))
+    return fx, fy, fz, wx, wy, wz
 
 
 @kernel

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mammosim.compression.springs._relaxation_kernels import mark_nodes, sweep
+from mammosim.compression.springs._relaxation_kernels import Springs, mark_nodes, sweep
 from mammosim.compression.springs.deviation import remaining_deviation
 from mammosim.compression.springs.problem import CHEST_WALL_INDEX, SpringProblem, SpringState
 from mammosim.compression.springs.series_start import series_start
@@ -69,13 +69,14 @@ def relax(
         plates = (-np.inf, np.inf, -np.inf, float(CHEST_WALL_INDEX))
     visited = np.zeros(problem.modulus.shape, np.uint8)
     mark_nodes(problem.modulus, problem.fixed, visited)
+    springs = Springs(problem.modulus, problem.growth, problem.force, visited)
     rng, sums = np.random.default_rng(seed), np.zeros(4)
     rows: list[np.void] = []
     converged = interrupted = False
     try:
         for number in range(1, max_sweeps + 1):
-            orders = [rng.permutation(np.arange(1, n - 1)) for n in problem.modulus.shape]
-            sweep(problem.modulus, visited, x, y, z, *orders, plates, sums)
+            orders = tuple(rng.permutation(np.arange(1, n - 1)) for n in problem.modulus.shape)
+            sweep(springs, x, y, z, orders, plates, sums)
             row = np.array([(number, *sums[:3], int(sums[3]))], HISTORY)[0]
             rows.append(row)
             if watch is not None:
