@@ -1,110 +1,88 @@
-"""Voxel files in: every format, the frame of each, and everything that can be wrong with them."""
+"""Voxel files in: every format, the frame of each, and what the header says of it."""
 
 from __future__ import annotations
 
 import gzip
 import itertools
-import tracemalloc
 import zlib
 from pathlib import Path
 
 import numpy as np
+import pydicom
 import pytest
 import SimpleITK as sitk
+import tifffile
+from make_volumes import (
+    FORMATS,
+    ORIGIN,
+    SERIES,
+    SPACING,
+    save,
+    save_itk,
+    save_series,
+    save_vctx,
+    save_victre,
+    small_breast,
+    vctx_description,
+    victre_header,
+)
 
 from mammosim.errors import InputError
 from mammosim.phantom import phantom_summary, read_phantom
-from mammosim.phantom.readers import READERS, read_volume
-from mammosim.phantom.readers.volume import BREAST_FROM_LPS
+from mammosim.phantom.readers import open_voxels
+from mammosim.phantom.readers.axes import AXIS_OF_LETTER
 
 VICTRE = Path(__file__).parents[2] / "shared" / "data" / "victre" / "p_1.mhd"
 needs_victre = pytest.mark.skipif(
     not VICTRE.is_file(), reason=f"the FDA phantom {VICTRE.name} is not beside the repository"
 )
 
-SPACING, ORIGIN = np.array([0.5, 0.75, 1.0]), np.array([3.0, -20.0, 12.5])
+NO_PLACE = (".npy", ".tif", ".tiff")
+"""Formats that cannot say where the voxels are."""
 
 
-def small_breast() -> np.ndarray:
-    """Uneven in every axis, so that any swap or flip shows."""
-    labels = np.zeros((7, 9, 11), np.uint8)
-    labels[0:6, 2:7, 1:9] = 1
-    labels[1:3, 3:5, 2:4] = 29
-    labels[0, 2, 8] = 88
-    labels[5, 4, 3:5] = 33
-    return labels
-
-
-def save(path: Path, labels: np.ndarray, zipped: bool = True) -> Path:
-    """Save [x, y, z] in the format of the ending; ITK's formats get patient axes."""
-    if path.suffix == ".npy":
-        np.save(path, labels)
-    elif path.suffix == ".npz":
-        np.savez_compressed(path, labels=labels, voxel_mm=SPACING, origin_mm=ORIGIN)
-    elif path.suffix == ".bin":  # a cube of codes of its own: test_phantom_thesis.py
-        np.full((7, 7, 7), 203, "<i2").tofile(path)
-    else:
-        image = sitk.GetImageFromArray(labels.transpose(2, 1, 0))
-        image.SetSpacing(SPACING.tolist())
-        image.SetOrigin((BREAST_FROM_LPS.T @ ORIGIN).tolist())
-        image.SetDirection(BREAST_FROM_LPS.T.ravel().tolist())
-        sitk.WriteImage(image, str(path), useCompression=zipped and path.suffix != ".mhd")
-    return path
-
-
-def victre_header(**changes: str) -> str:
-    lines = {
-        "ObjectType": "Image", "NDims": "3", "BinaryData": "True",
-        "BinaryDataByteOrderMSB": "False", "CompressedData": "False",
-        "TransformMatrix": "1 0 0 0 1 0 0 0 1", "Offset": "3 -20 12.5",
-        "ElementSpacing": "0.5 0.75 1.0", "DimSize": "7 9 11", "AnatomicalOrientation": "???",
-        "ElementType": "MET_UCHAR", "ElementDataFile": "b.raw",
-    }  # fmt: skip
-    lines.update(changes)
-    return "".join(f"{key} = {value}\n" for key, value in lines.items()) + "ObjectType = Image\n"
-
-
-def save_victre(folder: Path, raw: bytes | None = None, name: str = "b.raw.gz", **changes) -> Path:
-    if raw is None:
-        raw = gzip.compress(small_breast().tobytes(order="F"))
-    (folder / name).write_bytes(raw)
-    (folder / "b.mhd").write_text(victre_header(**changes))
-    return folder / "b.mhd"
-
-
-@pytest.mark.parametrize("suffix", [suffix for suffix in READERS if suffix != ".bin"])
-def test_every_format_gives_the_same_breast(tmp_path, suffix):
-    breast = read_phantom(save(tmp_path / f"b{suffix}", small_breast()))
+@pytest.mark.parametrize("zipped", [True, False])
+@pytest.mark.parametrize("suffix", [suffix for suffix in FORMATS if suffix != ".bin"])
+def test_every_format_gives_the_same_breast(tmp_path, suffix, zipped):
+    breast = read_phantom(save(tmp_path / f"b.{suffix.lstrip('.')}", small_breast(), zipped))
     assert breast.labels.dtype == np.uint8
     assert breast.labels.flags.c_contiguous
     np.testing.assert_array_equal(breast.labels, small_breast())
-    if suffix == ".npy":
-        assert "1 mm and the origin were taken" in breast.notes[0]
-    else:
+    if suffix in NO_PLACE:
+        assert any("does not say how its axes lie" in note for note in breast.notes)
+        np.testing.assert_array_equal(breast.origin_mm, 0.0)
+    elif suffix != ".vctx":
         # NIfTI keeps its numbers in single precision.
         np.testing.assert_allclose(breast.voxel_mm, SPACING, rtol=1e-6)
         np.testing.assert_allclose(breast.origin_mm, ORIGIN, rtol=1e-6)
 
 
-@pytest.mark.parametrize("suffix", READERS)
-@pytest.mark.parametrize("zipped", [True, False])
-def test_every_format_refuses_a_truncated_file(tmp_path, suffix, zipped):
-    path = save(tmp_path / f"b{suffix}", small_breast(), zipped)
-    voxels = next((p for p in tmp_path.iterdir() if p.suffix in {".raw", ".zraw"}), path)
-    if suffix == ".nhdr":
-        voxels = next(p for p in tmp_path.iterdir() if p != path)
-    content = voxels.read_bytes()
-    voxels.write_bytes(content[: len(content) * 2 // 3])
-    with pytest.raises(InputError, match=r"b\."):
-        read_phantom(path)
+@pytest.mark.parametrize("suffix", [suffix for suffix in FORMATS if suffix != ".bin"])
+def test_the_header_alone_tells_the_size(tmp_path, suffix):
+    opened = open_voxels(save(tmp_path / f"b.{suffix.lstrip('.')}", small_breast()))
+    assert (opened.shape, opened.dtype) == ((7, 9, 11), np.uint8)
+    assert all(file.is_file() for file in opened.files)
 
 
-@pytest.mark.parametrize("suffix", READERS)
-def test_every_format_refuses_rubbish(tmp_path, suffix):
-    path = tmp_path / f"b{suffix}"
-    path.write_bytes(bytes(range(256)) * 3)
-    with pytest.raises(InputError, match=r"b\."):
-        read_phantom(path)
+@pytest.mark.parametrize("step", [2, 3])
+@pytest.mark.parametrize("suffix", [suffix for suffix in FORMATS if suffix != ".bin"])
+def test_reduced_voxels_are_some_of_the_whole_at_their_place(tmp_path, suffix, step):
+    path = save(tmp_path / f"b.{suffix.lstrip('.')}", small_breast())
+    whole, part = read_phantom(path), read_phantom(path, reduce=step)
+    start = step // 2
+    np.testing.assert_array_equal(part.labels, whole.labels[start::step, start::step, start::step])
+    np.testing.assert_allclose(part.voxel_mm, step * whole.voxel_mm)
+    np.testing.assert_allclose(part.origin_mm, whole.frame.position_mm([start] * 3))
+    assert any(f"one voxel of {step} was kept along each axis" in note for note in part.notes)
+
+
+def test_reduction_keeps_places_of_axes_that_run_backwards(tmp_path):
+    path = save_itk(tmp_path / "b.nrrd", small_breast(), axes="PRS")
+    whole, part = read_phantom(path), read_phantom(path, reduce=2)
+    index = np.argwhere(part.labels == 29)[0]
+    place = whole.frame.index(part.frame.position_mm(index))
+    np.testing.assert_allclose(place, np.rint(place), atol=1e-9)
+    assert whole.labels[tuple(np.rint(place).astype(int))] == 29
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(range(3))))
@@ -125,13 +103,128 @@ def test_a_voxel_keeps_its_place_in_the_patient_whatever_the_files_axes(tmp_path
     )
 
 
-def test_oblique_axes_are_refused(tmp_path):
-    image = sitk.GetImageFromArray(small_breast().transpose(2, 1, 0))
-    c, s = np.cos(0.1), np.sin(0.1)
-    image.SetDirection([c, -s, 0, s, c, 0, 0, 0, 1])
-    sitk.WriteImage(image, str(tmp_path / "b.mha"))
-    with pytest.raises(InputError, match="oblique"):
-        read_phantom(tmp_path / "b.mha")
+@pytest.mark.parametrize("axes", ["ALS", "LSA", "SAL", "PRS", "ARI", "RSP"])
+def test_a_dicom_series_of_any_direction_is_turned(tmp_path, axes):
+    where = [AXIS_OF_LETTER[letter] for letter in axes]
+    values = small_breast().transpose([axis for axis, _ in where])
+    values = values[tuple(slice(None, None, sense) for _, sense in where)]
+    breast = read_phantom(save_series(tmp_path / SERIES, values, axes))
+    np.testing.assert_array_equal(breast.labels, small_breast())
+    # The file's first voxel lies at ORIGIN, whichever corner of the breast it is.
+    corner = [
+        0 if sense > 0 else side - 1 for (_, sense), side in zip(where, values.shape, strict=True)
+    ]
+    index = np.empty(3, int)
+    index[[axis for axis, _ in where]] = corner
+    np.testing.assert_allclose(breast.frame.position_mm(index), ORIGIN, atol=1e-9)
+
+
+def test_a_dicom_series_without_positions_goes_by_its_numbers(tmp_path):
+    folder = save_series(
+        tmp_path / SERIES, small_breast(), ImagePositionPatient=None, ImageOrientationPatient=None
+    )
+    breast = read_phantom(folder)
+    np.testing.assert_array_equal(breast.labels, small_breast())
+    np.testing.assert_allclose(breast.voxel_mm, SPACING)
+    assert any("InstanceNumber gave their order" in note for note in breast.notes)
+
+
+def test_a_dicom_series_among_other_files(tmp_path):
+    folder = save_series(tmp_path / SERIES, small_breast(), Laterality="R")
+    (folder / "readme.txt").write_text("a breast")
+    (folder / ".hidden").write_text("")
+    breast = read_phantom(folder)
+    assert breast.laterality == "R"
+    assert any("1 files of series are no DICOM pictures" in note for note in breast.notes)
+    assert read_phantom(folder, laterality="L").laterality == "L"
+
+
+def test_a_dicom_series_with_rescaled_and_signed_values(tmp_path):
+    values = small_breast().astype(np.int16) - 5
+    folder = save_series(tmp_path / SERIES, values, RescaleIntercept=5, RescaleSlope=1)
+    np.testing.assert_array_equal(read_phantom(folder).labels, small_breast())
+
+
+def test_a_compressed_dicom_series(tmp_path):
+    folder = save_series(tmp_path / SERIES, small_breast())
+    for file in folder.iterdir():
+        dataset = pydicom.dcmread(file)
+        dataset.compress(pydicom.uid.RLELossless, generate_instance_uid=False)
+        dataset.save_as(file)
+    np.testing.assert_array_equal(read_phantom(folder).labels, small_breast())
+
+
+def test_openvct_says_what_its_values_are(tmp_path):
+    materials = {7: [("Air", 1, 0.001)], 9: [("Glandular", 0.4, 1.04), ("Adipose", 0.6, 0.93)],
+                 4: [("Calcium", 0.99, 1.55), ("Glandular", 0.01, 1.02)]}  # fmt: skip
+    values = np.full((5, 6, 7), 7, np.uint8)
+    values[:3, 1:5, 1:6] = 9
+    values[1, 2, 3] = 4
+    description = vctx_description(values.shape, materials, "Left")
+    path = save_vctx(tmp_path / "b.vctx", values, description, ("x/Phantom.dat", "x/Phantom.xml"))
+    breast = read_phantom(path)
+    np.testing.assert_array_equal(breast.labels == 1, values == 9)
+    assert [lesion.kind for lesion in breast.lesions] == ["calcification"]
+    assert breast.laterality == "L"
+    assert any("9 as adipose, 4 as calcification" in note for note in breast.notes)
+    # The chest wall at x = 0, the middle at y = z = 0.
+    np.testing.assert_allclose(breast.origin_mm - 0.5 * SPACING, [0.0, -2.25, -3.5])
+
+
+def test_openvct_by_a_label_map_of_ones_own(tmp_path):
+    (tmp_path / "map.yaml").write_text("0: air\n1: gland\n29: adipose\n33: nipple\n88: skin\n")
+    path = save_vctx(tmp_path / "b.vctx", small_breast())
+    breast = read_phantom(path, str(tmp_path / "map.yaml"))
+    np.testing.assert_array_equal(breast.labels == 1, small_breast() == 29)
+
+
+def test_openvct_that_is_compressed_already_is_noted(tmp_path):
+    text = vctx_description((7, 9, 11)).replace(
+        "</VCT_Phantom>",
+        "<Deformation><Deformation_Mode>DEFORM_CC</Deformation_Mode></Deformation></VCT_Phantom>",
+    )
+    breast = read_phantom(save_vctx(tmp_path / "b.vctx", small_breast(), text))
+    assert any("compressed already (DEFORM_CC)" in note for note in breast.notes)
+
+
+def test_tiff_by_ome_and_by_imagej(tmp_path):
+    pages = small_breast().transpose(2, 1, 0)
+    sizes = {f"PhysicalSize{axis}": size for axis, size in zip("XYZ", SPACING, strict=True)}
+    units = {f"PhysicalSize{axis}Unit": "mm" for axis in "XYZ"}
+    tifffile.imwrite(tmp_path / "b.ome.tif", pages, metadata={"axes": "ZYX", **sizes, **units})
+    np.testing.assert_allclose(read_phantom(tmp_path / "b.ome.tif").voxel_mm, SPACING)
+    microns = {"spacing": 1000 * SPACING[2], "unit": "micron", "axes": "ZYX"}
+    tifffile.imwrite(
+        tmp_path / "b.tif", pages, imagej=True, metadata=microns,
+        resolution=(1e-3 / SPACING[0], 1e-3 / SPACING[1]),
+    )  # fmt: skip
+    np.testing.assert_allclose(read_phantom(tmp_path / "b.tif").voxel_mm, SPACING)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".tif"])
+def test_axes_and_voxel_size_as_given(tmp_path, suffix):
+    values = np.ascontiguousarray(np.flip(small_breast(), 0).transpose(2, 0, 1))  # S, P, L
+    path = save(tmp_path / f"b{suffix}", values)
+    breast = read_phantom(path, axes="SPL", voxel_mm=[1.0, 0.5, 0.75])
+    np.testing.assert_array_equal(breast.labels, small_breast())
+    np.testing.assert_allclose(breast.voxel_mm, [0.5, 0.75, 1.0])
+    assert breast.orientation.startswith("axes run SPL, as given")
+    assert not any("voxel size" in note for note in breast.notes)
+
+
+def test_axes_against_the_header_lose_the_place(tmp_path):
+    path = save(tmp_path / "b.nrrd", small_breast())
+    same, other = read_phantom(path, axes="ALS"), read_phantom(path, axes="LSA")
+    np.testing.assert_allclose(same.origin_mm, ORIGIN)
+    np.testing.assert_array_equal(other.labels, small_breast().transpose(2, 0, 1))
+    assert "its corner voxel is at 0" in other.orientation
+
+
+@pytest.mark.parametrize("axes", ["als", "AL", "ALL", "AP S", "LRS"])
+def test_axes_that_are_none(tmp_path, axes):
+    path = save(tmp_path / "b.npy", small_breast())
+    with pytest.raises(InputError, match=rf"phantom.axes: found '{axes}', expected three letters"):
+        read_phantom(path, axes=axes)
 
 
 def test_victre_files_that_lie_are_read_and_noted(tmp_path):
@@ -157,137 +250,25 @@ def test_element_types_and_byte_orders(tmp_path, element, dtype, big):
         np.testing.assert_array_equal(read_phantom(path).labels, small_breast())
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [({"DimSize": "7 9"}, "DimSize is '7 9', expected three whole numbers"),
-     ({"DimSize": "7 9 0"}, "sides of 1 or more"),
-     ({"DimSize": "7 9 12"}, r"truncated|holds 693 bytes of voxels, expected 756 from b.mhd"),
-     ({"DimSize": "7 9 10"}, "holds more than 630 bytes of voxels, expected 630 from b.mhd"),
-     ({"DimSize": "70000 90000 110000"}, "cannot hold"),
-     ({"ElementSpacing": "0.5 0 1"}, r"voxel size is \[0.5, 0.0, 1.0\] mm, expected three pos"),
-     ({"ElementSpacing": "0.5 nan 1"}, "expected three positive numbers"),
-     ({"ElementSpacing": "0.5 a 1"}, "ElementSpacing is '0.5 a 1', expected numbers"),
-     ({"Offset": "1 inf 1"}, "expected three finite numbers"),
-     ({"TransformMatrix": "1 0 0"}, "expected nine numbers"),
-     ({"ElementType": "MET_STRING"}, "ElementType is 'MET_STRING', expected one of MET_UCHAR"),
-     ({"ElementNumberOfChannels": "3"}, "more than one value a voxel"),
-     ({"ElementDataFile": "../b.raw"}, "expected a file beside the header"),
-     ({"ElementDataFile": "c.raw"}, "does not exist, nor does c.raw.gz")],
-)  # fmt: skip
-def test_metaimage_headers_that_cannot_be_used(tmp_path, changes, message):
-    with pytest.raises(InputError, match=message):
-        read_phantom(save_victre(tmp_path, **changes), "victre")
+def test_an_mha_without_orientation_is_victres_too(tmp_path):
+    raw = small_breast().tobytes(order="F")
+    header = victre_header(ElementDataFile="LOCAL")
+    (tmp_path / "b.mha").write_bytes(header.encode() + raw)
+    breast = read_phantom(tmp_path / "b.mha", "victre")
+    np.testing.assert_array_equal(breast.labels, small_breast())
+    np.testing.assert_allclose(breast.origin_mm, ORIGIN)
 
 
-def test_metaimage_header_without_spacing_or_size(tmp_path):
-    path = tmp_path / "b.mhd"
-    path.write_text("NDims = 3\n")
-    with pytest.raises(InputError, match="DimSize, ElementType, ElementDataFile missing"):
-        read_phantom(path)
-    path.write_text(victre_header().replace("ElementSpacing", "Spaces"))
-    with pytest.raises(InputError, match="ElementSpacing is missing"):
-        read_phantom(path)
+def test_gzip_of_several_members(tmp_path):
+    raw = small_breast().tobytes(order="F")
+    path = save_victre(tmp_path, gzip.compress(raw[:100]) + gzip.compress(raw[100:]))
+    np.testing.assert_array_equal(read_phantom(path).labels, small_breast())
 
 
 def test_turning_matrix_without_orientation_is_noted_and_not_used(tmp_path):
     breast = read_phantom(save_victre(tmp_path, TransformMatrix="0 1 0 1 0 0 0 0 1"))
     np.testing.assert_array_equal(breast.labels, small_breast())
     assert any("says no orientation: not turned" in note for note in breast.notes)
-
-
-def test_a_zip_bomb_is_not_unpacked(tmp_path):
-    bomb = gzip.compress(bytes(64 << 20))
-    path = save_victre(tmp_path, bomb)
-    tracemalloc.start()
-    try:
-        with pytest.raises(InputError, match="holds more than 693 bytes"):
-            read_phantom(path)
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    # The bomb holds 64 MB; the reader's own buffers are some hundred kilobytes.
-    assert peak < 4 << 20
-
-
-@pytest.mark.parametrize("cut", [5, 30, -4])
-def test_damaged_gzip(tmp_path, cut):
-    content = bytearray(gzip.compress(small_breast().tobytes(order="F")))
-    with pytest.raises(InputError, match="truncated or damaged"):
-        read_phantom(save_victre(tmp_path, bytes(content[:cut])))
-    content[len(content) // 2] ^= 0xFF
-    with pytest.raises(InputError, match=r"damaged|holds"):
-        read_phantom(save_victre(tmp_path, bytes(content)))
-
-
-def test_unknown_format_and_missing_file(tmp_path):
-    with pytest.raises(InputError, match=r"unknown format, expected a file ending in \.mhd, \.mha"):
-        read_volume(tmp_path / "b.stl")
-    with pytest.raises(InputError, match="no such file"):
-        read_volume(tmp_path / "b.nrrd")
-
-
-def test_npz_without_its_arrays(tmp_path):
-    np.savez(tmp_path / "b.npz", volume=small_breast())
-    with pytest.raises(InputError, match="holds volume, expected arrays labels, voxel_mm"):
-        read_phantom(tmp_path / "b.npz")
-    np.savez(tmp_path / "b.npz", labels=small_breast(), voxel_mm="a", origin_mm=ORIGIN)
-    with pytest.raises(InputError, match="must be numbers"):
-        read_phantom(tmp_path / "b.npz")
-    np.savez(tmp_path / "b.npz", labels=small_breast()[0], voxel_mm=1.0, origin_mm=ORIGIN)
-    with pytest.raises(InputError, match=r"shape \(9, 11\), expected \[x, y, z\]"):
-        read_phantom(tmp_path / "b.npz")
-
-
-def test_more_than_one_value_a_voxel(tmp_path):
-    sitk.WriteImage(sitk.Image([4, 4, 4], sitk.sitkVectorUInt8, 3), str(tmp_path / "b.mha"))
-    with pytest.raises(InputError, match="3 values a voxel, expected one volume"):
-        read_phantom(tmp_path / "b.mha")
-
-
-def test_values_that_are_not_labels(tmp_path):
-    path = tmp_path / "b.npy"
-    np.save(path, small_breast() * 0.5)
-    with pytest.raises(InputError, match=r"holds the value 0\.5, expected whole-number labels"):
-        read_phantom(path)
-    np.save(path, np.full((3, 3, 3), np.nan))
-    with pytest.raises(InputError, match="holds the value nan"):
-        read_phantom(path)
-    np.save(path, np.full((3, 3, 3), "a"))
-    with pytest.raises(InputError, match="expected whole numbers"):
-        read_phantom(path)
-    np.save(path, np.zeros((0, 3, 3), np.uint8))
-    with pytest.raises(InputError, match="expected at least one voxel"):
-        read_phantom(path)
-    np.save(path, np.arange(8000).reshape(20, 20, 20))
-    with pytest.raises(InputError, match="over 4096 different values"):
-        read_phantom(path)
-
-
-def test_no_tissue_and_wrong_side(tmp_path):
-    np.save(tmp_path / "b.npy", np.full((4, 4, 4), 50, np.uint8))
-    with pytest.raises(InputError, match=r"holds no tissue, only labels \[50\]"):
-        read_phantom(tmp_path / "b.npy", "victre")
-    with pytest.raises(InputError, match="laterality: found 'left', expected L or R"):
-        read_phantom(tmp_path / "b.npy", laterality="left")
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.int64, np.float32])
-def test_unknown_labels_are_all_listed_with_their_volume(tmp_path, dtype):
-    labels = small_breast().astype(dtype)
-    labels[0, 0, 0], labels[1, 3, 3] = 7, 99
-    np.save(tmp_path / "b.npy", labels)
-    with pytest.raises(InputError) as caught:
-        read_phantom(tmp_path / "b.npy")
-    first, second, known = caught.value.problems
-    assert "label 7 (0.001 mL) is not in the label map" in first
-    assert "label 99 (0.001 mL)" in second
-    assert "29 gland" in known
-
-
-def test_many_unknown_labels_are_counted(tmp_path):
-    np.save(tmp_path / "b.npy", np.arange(3000, 3125).reshape(5, 5, 5))
-    with pytest.raises(InputError, match="and 105 more labels"):
-        read_phantom(tmp_path / "b.npy")
 
 
 def test_labels_by_a_map_of_ones_own_beyond_a_byte(tmp_path):
@@ -299,6 +280,13 @@ def test_labels_by_a_map_of_ones_own_beyond_a_byte(tmp_path):
     breast = read_phantom(tmp_path / "b.npy", str(tmp_path / "map.yaml"))
     np.testing.assert_array_equal(breast.labels == 29, values == 2000)
     np.testing.assert_array_equal(breast.labels == 1, values == 1000)
+
+
+def test_lesions_and_paddles_of_the_default_map(tmp_path):
+    labels = small_breast()
+    labels[6, :, 0] = 50  # a paddle is not breast
+    np.save(tmp_path / "b.npy", labels)
+    assert read_phantom(tmp_path / "b.npy").labels[6].max() == 0
 
 
 @needs_victre

@@ -78,6 +78,8 @@ class BreastPhantom:
     landmarks : tuple of Landmark
     source : str
         Where it came from: file name or generator.
+    orientation : str
+        How a file's axes were taken to lie, in words.
     notes : tuple of str
         What was assumed or mended while reading, one sentence each.
     """
@@ -91,6 +93,7 @@ class BreastPhantom:
     lesions: tuple[Lesion, ...] = ()
     landmarks: tuple[Landmark, ...] = ()
     source: str = ""
+    orientation: str = ""
     notes: tuple[str, ...] = field(default=())
 
     @property

@@ -51,7 +51,10 @@ def make_phantom(
         labels = settings.labels
         if labels is not None and labels not in LABEL_MAPS:
             labels = str(Path(folder) / labels)
-        breast = read_phantom(Path(folder) / str(settings.file), labels, laterality)
+        breast = read_phantom(
+            Path(folder) / str(settings.file), labels, laterality, settings.axes,
+            settings.voxel_mm, settings.reduce,
+        )  # fmt: skip
     landmarks = _landmarks(breast, settings.landmarks)
     rng = np.random.default_rng([seed, _LESION_STREAM])
     breast = insert_lesions(breast, settings.lesions, rng)

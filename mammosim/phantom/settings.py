@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from mammosim.config import Settings
 from mammosim.phantom.anatomy import GenerateSettings
+from mammosim.phantom.memory import MOST_REDUCED
+from mammosim.phantom.readers.axes import AXES_EXPECTED, are_axes
 
 
 class LesionSettings(Settings):
@@ -69,10 +71,19 @@ class PhantomSettings(Settings):
     """The uncompressed breast: read from a file, or generated."""
 
     file: str | None = None
-    """Voxel file, relative to the configuration's folder."""
+    """Voxel file, or folder of a DICOM series, relative to the configuration's folder."""
 
     labels: str | None = None
-    """Label map of the file: a known name, or path of a YAML file; left out, `mammosim`."""
+    """Label map: a name, or path of a YAML file; left out, what a .vctx says, else `mammosim`."""
+
+    axes: str | None = None
+    """Towards what the file's axes run, as `ALS`; left out, what it says or its voxels show."""
+
+    voxel_mm: float | tuple[float, float, float] | None = None
+    """Voxel size along the file's axes, mm, one number or three; left out, what the file says."""
+
+    reduce: int = Field(1, ge=1, le=MOST_REDUCED)
+    """Of every n voxels of the file along each axis one is kept, for what exceeds memory."""
 
     generate: GenerateSettings | None = None
     """Settings of the built-in generator."""
@@ -83,14 +94,33 @@ class PhantomSettings(Settings):
     landmarks: tuple[LandmarkSettings, ...] = ()
     """Points to follow through compression."""
 
+    @field_validator("axes")
+    @classmethod
+    def _three_directions(cls, axes: str | None) -> str | None:
+        if axes is not None and not are_axes(axes):
+            raise ValueError(f"expected {AXES_EXPECTED}")
+        return axes
+
+    @field_validator("voxel_mm")
+    @classmethod
+    def _a_size(cls, voxel_mm: Any) -> Any:
+        sizes = voxel_mm if isinstance(voxel_mm, tuple) else (voxel_mm,)
+        if voxel_mm is not None and not all(0.0 < size <= 10.0 for size in sizes):
+            raise ValueError("expected lengths above 0 and up to 10 mm")
+        return voxel_mm
+
     @model_validator(mode="after")
     def _whole(self) -> Self:
         problems = []
         if (self.file is None) == (self.generate is None):
             given = "neither" if self.file is None else "both"
             problems.append(f"exactly one of 'file' and 'generate' must be given, found {given}")
-        if self.labels is not None and self.file is None and self.generate is not None:
-            problems.append("'labels' belongs to 'file', not to 'generate'")
+        if self.file is None and self.generate is not None:
+            keys = ("labels", "axes", "voxel_mm", "reduce")
+            problems += [
+                f"'{key}' belongs to 'file', not to 'generate'"
+                for key in keys if getattr(self, key) != type(self).model_fields[key].default
+            ]  # fmt: skip
         names = [le.name for le in self.lesions] + [mark.name for mark in self.landmarks]
         for name in sorted({name for name in names if names.count(name) > 1}):
             problems.append(f"the name '{name}' is used more than once")

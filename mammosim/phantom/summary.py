@@ -19,6 +19,8 @@ class PhantomSummary:
     Parameters
     ----------
     source : str
+    orientation : str
+        How the file's axes were taken to lie, in words; empty for a generated breast.
     shape : tuple of int
         Voxels along x, y, z.
     voxel_mm : tuple of float
@@ -37,6 +39,7 @@ class PhantomSummary:
     """
 
     source: str
+    orientation: str
     shape: tuple[int, ...]
     voxel_mm: tuple[float, ...]
     extent_mm: tuple[tuple[float, float], ...]
@@ -75,6 +78,7 @@ def phantom_summary(breast: BreastPhantom) -> PhantomSummary:
     box = tissue_box_mm(breast)
     return PhantomSummary(
         source=breast.source,
+        orientation=breast.orientation,
         shape=breast.labels.shape,
         voxel_mm=tuple(breast.voxel_mm.tolist()),
         extent_mm=tuple((float(a), float(b)) for a, b in box.T),

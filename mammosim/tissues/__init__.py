@@ -1,6 +1,6 @@
 """The tissue table: labels, stiffness and material of each tissue, and label maps."""
 
-from mammosim.tissues.label_maps import LABEL_MAPS, load_label_map
+from mammosim.tissues.label_maps import DEFAULT_LABELS, LABEL_MAPS, load_label_map
 from mammosim.tissues.materials import (
     CALCIFICATIONS,
     COMPOSITION_SETS,
@@ -13,6 +13,7 @@ from mammosim.tissues.table import LESION_LABELS, STIFFNESS_SETS, TISSUES, Tissu
 __all__ = [
     "CALCIFICATIONS",
     "COMPOSITION_SETS",
+    "DEFAULT_LABELS",
     "LABEL_MAPS",
     "LESION_LABELS",
     "MATERIAL_NAMES",

@@ -15,6 +15,10 @@ LABEL_MAPS: MappingProxyType[str, MappingProxyType[int, str]] = MappingProxyType
 """Label maps that come with mammosim, by name."""
 
 
+DEFAULT_LABELS = "mammosim"
+"""Label map of files that do not say what their values stand for."""
+
+
 def load_label_map(name_or_path: str) -> MappingProxyType[int, str]:
     """A label map by name, or from a YAML file of `label: tissue` lines.
 

@@ -1,4 +1,8 @@
-"""Readers of voxel files, one file a format: file name's ending -> function."""
+"""Readers of voxel files, one file a format: file name's ending -> function.
+
+A reader takes the header alone and holds it against the file's length (`VoxelFile`); the voxels
+are read when somebody has made sure that they fit into memory.
+"""
 
 from __future__ import annotations
 
@@ -6,34 +10,40 @@ from collections.abc import Callable
 from pathlib import Path
 
 from mammosim.errors import InputError
-from mammosim.phantom.readers.itk import read_itk
-from mammosim.phantom.readers.metaimage import read_metaimage
-from mammosim.phantom.readers.nifti import read_nifti
-from mammosim.phantom.readers.numpy_files import read_npy, read_npz
-from mammosim.phantom.readers.thesis import read_thesis
-from mammosim.phantom.readers.volume import Volume
+from mammosim.phantom.readers.dicom_series import open_dicom_series
+from mammosim.phantom.readers.metaimage import open_metaimage
+from mammosim.phantom.readers.nifti import open_nifti
+from mammosim.phantom.readers.nrrd import open_nrrd
+from mammosim.phantom.readers.numpy_files import open_npy, open_npz
+from mammosim.phantom.readers.openvct import open_openvct
+from mammosim.phantom.readers.thesis import open_thesis
+from mammosim.phantom.readers.tiff import open_tiff
+from mammosim.phantom.readers.volume import Volume, VoxelFile, Voxels
 
-READERS: dict[str, Callable[[Path], Volume]] = {
-    ".mhd": read_metaimage,
-    ".mha": read_itk,
-    ".nrrd": read_itk,
-    ".nhdr": read_itk,
-    ".nii": read_nifti,
-    ".nii.gz": read_nifti,
-    ".npy": read_npy,
-    ".npz": read_npz,
-    ".bin": read_thesis,
+READERS: dict[str, Callable[[Path], VoxelFile]] = {
+    ".mhd": open_metaimage,
+    ".mha": open_metaimage,
+    ".nrrd": open_nrrd,
+    ".nhdr": open_nrrd,
+    ".nii": open_nifti,
+    ".nii.gz": open_nifti,
+    ".npy": open_npy,
+    ".npz": open_npz,
+    ".tif": open_tiff,
+    ".tiff": open_tiff,
+    ".vctx": open_openvct,
+    ".bin": open_thesis,
 }
-"""Reader of each known ending."""
+"""What reads the header of each known ending; a folder is a DICOM series."""
 
 
-def read_volume(path: str | Path) -> Volume:
-    """Read any known voxel file.
+def open_voxels(path: str | Path) -> VoxelFile:
+    """Read the header of any known voxel file, and no voxel.
 
     Parameters
     ----------
     path : path
-        The file; its ending decides which reader is used.
+        A file, whose ending decides which reader is used, or the folder of a DICOM series.
 
     Raises
     ------
@@ -41,13 +51,25 @@ def read_volume(path: str | Path) -> Volume:
         If the ending is not known or there is no such file, or the reader's own errors.
     """
     path = Path(path)
+    if path.is_dir():
+        return open_dicom_series(path)
     name = path.name.lower()
+    if name.endswith(".dcm") and path.is_file():
+        raise InputError(
+            f"{path}: is one DICOM file, expected the folder of a series; give {path.parent}"
+        )
     matching = [suffix for suffix in READERS if name.endswith(suffix)]
     if not matching:
-        raise InputError(f"{path}: unknown format, expected a file ending in {', '.join(READERS)}")
+        raise InputError(
+            f"{path}: unknown format, expected a file ending in {', '.join(READERS)}, or a folder "
+            "with a DICOM series"
+        )
     if not path.is_file():
         raise InputError(f"{path}: no such file")
-    return READERS[max(matching, key=len)](path)
+    try:
+        return READERS[max(matching, key=len)](path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
 
 
-__all__ = ["READERS", "Volume", "read_volume"]
+__all__ = ["READERS", "Volume", "VoxelFile", "Voxels", "open_voxels"]

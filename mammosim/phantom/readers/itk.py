@@ -1,27 +1,50 @@
-"""Files with patient axes by SimpleITK: MHA, NRRD, and NIfTI once its length is checked."""
+"""What SimpleITK reads for us: NRRD and NIfTI, once their own readers have checked the length."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from mammosim.errors import InputError
+from mammosim.phantom.readers.axes import BREAST_FROM_LPS, axes_of_direction
 from mammosim.phantom.readers.volume import (
-    Volume,
+    VoxelFile,
+    Voxels,
     checked_origin,
+    checked_shape,
     checked_spacing,
-    from_patient_axes,
+    every_nth,
 )
 
+DTYPES = {
+    "8-bit unsigned integer": "u1", "8-bit signed integer": "i1",
+    "16-bit unsigned integer": "u2", "16-bit signed integer": "i2",
+    "32-bit unsigned integer": "u4", "32-bit signed integer": "i4",
+    "64-bit unsigned integer": "u8", "64-bit signed integer": "i8",
+    "32-bit float": "f4", "64-bit float": "f8",
+}  # fmt: skip
+"""NumPy's name of each of SimpleITK's scalar types."""
 
-def read_itk(path: Path) -> Volume:
-    """Read a volume that SimpleITK knows.
+COPIES = 2
+"""Of all voxels, while an image becomes an array: ITK's and NumPy's."""
+
+
+def open_itk(path: Path, says_axes: bool, files: tuple[Path, ...] = ()) -> VoxelFile:
+    """Read the header of a file that SimpleITK knows.
 
     Parameters
     ----------
     path : path
         A file with patient axes (LPS inside SimpleITK, whatever the format's own).
+    says_axes : bool
+        Whether the header says how its axes lie in the patient.
+    files : tuple of path
+        The files it consists of.
 
     Raises
     ------
@@ -32,23 +55,57 @@ def read_itk(path: Path) -> Volume:
 
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
-    try:
+    with _plain_errors(path):
         reader.ReadImageInformation()
-        sides = [side for side in reader.GetSize() if side != 1]
-        if len(sides) != 3 or reader.GetNumberOfComponents() != 1:
-            raise InputError(
-                f"{path}: found size {list(reader.GetSize())} with "
-                f"{reader.GetNumberOfComponents()} values a voxel, expected one volume of labels"
-            )
-        spacing = checked_spacing(reader.GetSpacing()[:3], path)
-        image = reader.Execute()
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1].strip()
+    size, pixel = reader.GetSize(), sitk.GetPixelIDValueAsString(reader.GetPixelID())
+    if any(side != 1 for side in size[3:]) or len(size) < 3 or pixel not in DTYPES:
+        raise InputError(
+            f"{path}: found size {list(size)} of {pixel} with {reader.GetNumberOfComponents()} "
+            "values a voxel, expected one volume of labels"
+        )
+    shape = checked_shape(size[:3], path)
+    spacing = checked_spacing(reader.GetSpacing()[:3], path)
+    first = BREAST_FROM_LPS @ checked_origin(reader.GetOrigin()[:3], path)
+    direction = np.array(reader.GetDirection()).reshape(len(size), len(size))[:3, :3]
+    return VoxelFile(
+        path, shape, spacing, np.dtype(DTYPES[pixel]), partial(_load, path, shape),
+        axes_of_direction(direction, path) if says_axes else None, "by its header", True,
+        first if says_axes else None, whole_copies=COPIES, files=files or (path,),
+    )  # fmt: skip
+
+
+def checked_before_loading(opened: VoxelFile, check: Callable[[], None]) -> VoxelFile:
+    """The same file, whose voxels are read after a check that may raise."""
+
+    def load(step: int) -> Voxels:
+        check()
+        return opened.load(step)
+
+    return replace(opened, load=load)
+
+
+def _load(path: Path, shape: tuple[int, int, int], step: int) -> Voxels:
+    import SimpleITK as sitk
+
+    with _plain_errors(path):
+        image = sitk.ReadImage(str(path))
+    values = sitk.GetArrayFromImage(image).reshape(shape[::-1])
+    return Voxels(every_nth(values.transpose(2, 1, 0), step))
+
+
+@contextmanager
+def _plain_errors(path: Path) -> Iterator[None]:
+    """ITK's errors as ours, its warnings not on the terminal."""
+    import SimpleITK as sitk
+
+    shown = sitk.ProcessObject.GetGlobalWarningDisplay()
+    sitk.ProcessObject.GlobalWarningDisplayOff()
+    try:
+        yield
+    except (RuntimeError, MemoryError) as error:
+        reason = (str(error).strip() or "no memory").splitlines()[-1].strip()
         raise InputError(
             f"{path}: cannot be read, truncated or not its format ({reason})"
         ) from None
-    values = sitk.GetArrayFromImage(image).reshape(image.GetSize()[2::-1])
-    dimension = image.GetDimension()
-    direction = np.array(image.GetDirection()).reshape(dimension, dimension)[:3, :3]
-    origin = checked_origin(image.GetOrigin()[:3], path)
-    return from_patient_axes(values.transpose(2, 1, 0), spacing, origin, direction, path)
+    finally:
+        sitk.ProcessObject.SetGlobalWarningDisplay(shown)

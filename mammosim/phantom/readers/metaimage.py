@@ -1,4 +1,4 @@
-"""MetaImage with its voxels in a file of their own (MHD), read tolerantly.
+"""MetaImage, in one file (MHA) or with its voxels in another (MHD), read tolerantly.
 
 Files of FDA's VICTRE_PIPELINE say `CompressedData = False` though the voxels are gzipped, give a
 key twice, name `x.raw` where `x.raw.gz` lies, and leave the orientation as `???`. What the bytes
@@ -7,20 +7,31 @@ are is therefore seen from the bytes, and what the header got wrong is noted.
 
 from __future__ import annotations
 
-import gzip
-import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.errors import InputError
+from mammosim.phantom.readers.axes import BREAST_AXES, BREAST_FROM_LPS, axes_of_direction
+from mammosim.phantom.readers.inflate import (
+    GZIP_MAGIC,
+    ZLIB_FIRST_BYTE,
+    inflated,
+    read_layers,
+)
 from mammosim.phantom.readers.volume import (
-    Volume,
+    MAX_DEFLATE_RATIO,
+    VoxelFile,
+    Voxels,
+    check_promise,
     checked_origin,
     checked_spacing,
-    from_patient_axes,
+    every_nth,
 )
 
 ELEMENT_TYPES = {
@@ -29,19 +40,26 @@ ELEMENT_TYPES = {
 }  # fmt: skip
 """NumPy's name of each MetaImage element type."""
 
-GZIP_MAGIC, ZLIB_FIRST_BYTE = b"\x1f\x8b", b"\x78"
-
 MAX_HEADER_BYTES = 1 << 20
 """A header is a page of text: more than this is another kind of file."""
 
-MAX_DEFLATE_RATIO = 1032
-"""Deflate's greatest compression (zlib technical details): a header that promises more lies."""
-
 NO_ORIENTATION = {"", "???"}
 
+BY_CUSTOM = "by VICTRE's custom, since its header says no orientation"
 
-def read_metaimage(path: Path) -> Volume:
-    """Read an MHD header and its voxel file.
+
+@dataclass(frozen=True)
+class VoxelBytes:
+    """Where the voxels lie, and how."""
+
+    path: Path
+    start: int
+    length: int
+    compressed: bool
+
+
+def open_metaimage(path: Path) -> VoxelFile:
+    """Read the header of an MHA, or of an MHD and its voxel file.
 
     Without orientation (`???`, as VICTRE writes) axes are the breast frame's already and
     positions are Offset + index x ElementSpacing. With one (as ITK writes) `TransformMatrix` and
@@ -52,53 +70,69 @@ def read_metaimage(path: Path) -> Volume:
     InputError
         If the header is not one, something is missing in it, or the voxels do not match it.
     """
-    header = _read_header(path)
+    header, header_bytes = _read_header(path)
     shape = _shape(header, path)
     spacing = checked_spacing(_numbers(header, ("ElementSpacing", "ElementSize"), path), path)
     origin = checked_origin(_numbers(header, ("Offset", "Position", "Origin"), path, 0.0), path)
     dtype = _dtype(header, path)
-    data_path, notes = _data_path(header, path)
-    flat, compressed = _read_voxels(data_path, dtype, int(np.prod(shape, dtype=object)), path)
-    if compressed and header.get("CompressedData", "False").lower() != "true":
-        notes.append(f"{path.name} says CompressedData = False, but {data_path.name} is compressed")
-    values = flat.reshape(shape[::-1]).transpose(2, 1, 0)
+    promised = shape[0] * shape[1] * shape[2] * dtype.itemsize
+    voxels, notes = _find_voxels(header, header_bytes, promised, path)
+    _check_length(voxels, promised, path)
+    if voxels.compressed and header.get("CompressedData", "False").lower() != "true":
+        notes.append(
+            f"{path.name} says CompressedData = False, but {voxels.path.name} is compressed"
+        )
+    matrix = _matrix(header, path)
     if header.get("AnatomicalOrientation", "") in NO_ORIENTATION:
-        matrix = _matrix(header, path)
         if not np.allclose(matrix, np.eye(3)):
             notes.append(f"{path.name} turns its axes but says no orientation: not turned")
-        return Volume(values, spacing, origin, tuple(notes))
-    turned = from_patient_axes(values, spacing, origin, _matrix(header, path).T, path)
-    return Volume(turned.values, turned.voxel_mm, turned.origin_mm, tuple(notes))
+        axes, said_by = BREAST_AXES, BY_CUSTOM
+    else:
+        axes, said_by = axes_of_direction(matrix.T, path), "by its header"
+        origin = BREAST_FROM_LPS @ origin
+    return VoxelFile(
+        path, shape, spacing, dtype, partial(_load, voxels, shape, dtype, path.name), axes, said_by,
+        first_mm=origin, notes=tuple(notes), files=tuple(dict.fromkeys((path, voxels.path))),
+    )  # fmt: skip
 
 
-def _read_header(path: Path) -> dict[str, str]:
-    """Keys and values; of a key given twice the last counts."""
+def _read_header(path: Path) -> tuple[dict[str, str], int]:
+    """Keys and values, of a key given twice the last; and the header's length in bytes.
+
+    `ElementDataFile` ends a header (MetaIO's documentation): voxels may follow in the same file.
+    """
     with path.open("rb") as stream:
-        content = stream.read(MAX_HEADER_BYTES + 1)
-    try:
-        text = content.decode("utf-8") if len(content) <= MAX_HEADER_BYTES else ""
-    except UnicodeDecodeError:
-        text = ""
-    pairs = (line.split("=", 1) for line in text.splitlines() if "=" in line)
-    header = {key.strip(): value.strip() for key, value in pairs}
+        content = stream.read(MAX_HEADER_BYTES)
+    header: dict[str, str] = {}
+    read = 0
+    for line in content.splitlines(keepends=True):
+        read += len(line)
+        try:
+            key, equals, value = line.decode("utf-8").partition("=")
+        except UnicodeDecodeError:
+            break
+        if equals:
+            header[key.strip()] = value.strip()
+        if key.strip() == "ElementDataFile":
+            break
     missing = [key for key in ("DimSize", "ElementType", "ElementDataFile") if key not in header]
     if missing:
         raise InputError(f"{path}: not a MetaImage header, {', '.join(missing)} missing")
-    return header
+    return header, read
 
 
-def _shape(header: dict[str, str], path: Path) -> tuple[int, ...]:
+def _shape(header: Mapping[str, str], path: Path) -> tuple[int, int, int]:
     words = header["DimSize"].split()
     if len(words) != 3 or not all(word.isascii() and word.isdigit() for word in words):
         raise InputError(f"{path}: DimSize is '{header['DimSize']}', expected three whole numbers")
-    shape = tuple(int(word) for word in words)
-    if min(shape) == 0:
+    nx, ny, nz = (int(word[:18]) for word in words)
+    if min(nx, ny, nz) == 0:
         raise InputError(f"{path}: DimSize is '{header['DimSize']}', expected sides of 1 or more")
-    return shape
+    return nx, ny, nz
 
 
 def _numbers(
-    header: dict[str, str], keys: tuple[str, ...], path: Path, default: float | None = None
+    header: Mapping[str, str], keys: tuple[str, ...], path: Path, default: float | None = None
 ) -> list[float]:
     key = next((key for key in keys if key in header), None)
     if key is None:
@@ -111,18 +145,17 @@ def _numbers(
         raise InputError(f"{path}: {key} is '{header[key]}', expected numbers") from None
 
 
-def _matrix(header: dict[str, str], path: Path) -> NDArray[np.float64]:
-    if "TransformMatrix" not in header:
+def _matrix(header: Mapping[str, str], path: Path) -> NDArray[np.float64]:
+    key = next((k for k in ("TransformMatrix", "Rotation", "Orientation") if k in header), None)
+    if key is None:
         return np.eye(3)
-    numbers = _numbers(header, ("TransformMatrix",), path)
+    numbers = _numbers(header, (key,), path)
     if len(numbers) != 9:
-        raise InputError(
-            f"{path}: TransformMatrix is '{header['TransformMatrix']}', expected nine numbers"
-        )
+        raise InputError(f"{path}: {key} is '{header[key]}', expected nine numbers")
     return np.array(numbers).reshape(3, 3)
 
 
-def _dtype(header: dict[str, str], path: Path) -> np.dtype[Any]:
+def _dtype(header: Mapping[str, str], path: Path) -> np.dtype[Any]:
     name = header["ElementType"]
     if name not in ELEMENT_TYPES:
         raise InputError(
@@ -130,71 +163,60 @@ def _dtype(header: dict[str, str], path: Path) -> np.dtype[Any]:
         )
     if header.get("ElementNumberOfChannels", "1") != "1":
         raise InputError(f"{path}: more than one value a voxel, expected a volume of labels")
+    if header.get("BinaryData", "True").lower() != "true":
+        raise InputError(f"{path}: BinaryData = {header['BinaryData']}, expected voxels in binary")
     big = header.get("BinaryDataByteOrderMSB", header.get("ElementByteOrderMSB", "False"))
     return np.dtype((">" if big.lower() == "true" else "<") + ELEMENT_TYPES[name])
 
 
-def _data_path(header: dict[str, str], path: Path) -> tuple[Path, list[str]]:
-    name = header["ElementDataFile"]
-    if Path(name).name != name:
+def _find_voxels(
+    header: Mapping[str, str], header_bytes: int, promised: int, path: Path
+) -> tuple[VoxelBytes, list[str]]:
+    """Where the voxels are; whether they are compressed is seen from their first bytes."""
+    name, notes = header["ElementDataFile"], []
+    if name.upper() == "LOCAL":
+        data_path, start = path, header_bytes
+    else:
+        data_path, start = _data_path(name, path), 0
+        if data_path.name != name:
+            notes.append(f"{path.name} names {name}; {data_path.name} was read")
+    length = data_path.stat().st_size - start
+    with data_path.open("rb") as stream:
+        stream.seek(start)
+        magic = stream.read(2)
+    zlibbed = magic[:1] == ZLIB_FIRST_BYTE and length != promised
+    return VoxelBytes(data_path, start, length, magic == GZIP_MAGIC or zlibbed), notes
+
+
+def _data_path(name: str, path: Path) -> Path:
+    if Path(name).name != name or "\\" in name or "\0" in name:
         # A file from elsewhere must not make us open anything outside its own folder.
         raise InputError(f"{path}: ElementDataFile is '{name}', expected a file beside the header")
     named = path.parent / name
     other = named.with_suffix("") if named.suffix == ".gz" else Path(f"{named}.gz")
     if named.is_file():
-        return named, []
+        return named
     if other.is_file():
-        return other, [f"{path.name} names {name}; {other.name} was read"]
+        return other
     raise InputError(f"{path}: its voxel file {named} does not exist, nor does {other.name}")
 
 
-def _read_voxels(
-    data_path: Path, dtype: np.dtype[Any], count: int, path: Path
-) -> tuple[NDArray[Any], bool]:
-    """Exactly `count` elements, and whether they were compressed."""
-    expected = count * dtype.itemsize
-    on_disk = data_path.stat().st_size
-    with data_path.open("rb") as stream:
-        magic = stream.read(2)
-        stream.seek(0)
-        if magic == GZIP_MAGIC:
-            with gzip.GzipFile(fileobj=stream) as unzipped:
-                found, raw = _inflate(unzipped, expected, on_disk, data_path)
-        elif on_disk != expected and magic[:1] == ZLIB_FIRST_BYTE:
-            inflated = zlib.decompressobj().decompress(stream.read(), expected + 1)
-            found, raw = len(inflated), np.frombuffer(inflated, np.uint8)
-        else:
-            found, raw = on_disk, np.empty(0, np.uint8)
-            if found == expected:
-                raw = np.fromfile(stream, np.uint8)
-    if found != expected:
-        amount = f"more than {expected}" if found == expected + 1 else str(found)
+def _check_length(voxels: VoxelBytes, promised: int, path: Path) -> None:
+    if voxels.compressed:
+        check_promise(promised, voxels.length, MAX_DEFLATE_RATIO, voxels.path)
+    elif voxels.length != promised:
         raise InputError(
-            f"{data_path}: holds {amount} bytes of voxels, expected {expected} from {path.name}"
+            f"{voxels.path}: holds {voxels.length} bytes of voxels, expected {promised} from "
+            f"{path.name}"
         )
-    return raw.view(dtype), magic == GZIP_MAGIC or on_disk != expected
 
 
-def _inflate(
-    stream: BinaryIO | gzip.GzipFile, expected: int, on_disk: int, data_path: Path
-) -> tuple[int, NDArray[np.uint8]]:
-    """Unzip at most one byte more than expected; how much came, and the bytes."""
-    if expected > on_disk * MAX_DEFLATE_RATIO:
-        raise InputError(
-            f"{data_path}: {on_disk} bytes cannot hold the {expected} bytes of voxels that the "
-            "header promises"
-        )
-    raw = np.empty(expected, np.uint8)
-    view, found = raw.data, 0
-    try:
-        while found < expected:
-            step = stream.readinto(view[found : found + (1 << 24)])  # type: ignore[union-attr]
-            if not step:
-                return found, raw
-            found += step
-        return found + len(stream.read(1)), raw
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise InputError(
-            f"{data_path}: gzip data truncated or damaged after {found} of {expected} bytes "
-            f"({error})"
-        ) from None
+def _load(
+    voxels: VoxelBytes, shape: tuple[int, int, int], dtype: np.dtype[Any], header: str, step: int
+) -> Voxels:
+    if not voxels.compressed:
+        flat = np.memmap(voxels.path, dtype, "r", voxels.start, shape[::-1])
+        return Voxels(every_nth(flat.transpose(2, 1, 0), step))
+    with voxels.path.open("rb") as stream:
+        stream.seek(voxels.start)
+        return read_layers(inflated(stream), shape, dtype, step, voxels.path, header)

@@ -7,24 +7,28 @@ it does not know for fat, and crops the cube to the box around all tissue.
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.errors import InputError
-from mammosim.phantom.readers.volume import Volume
+from mammosim.phantom.readers.volume import VoxelFile, Voxels, every_nth
 from mammosim.tissues import LABEL_MAPS
 
 AIR, FAT = 220, 203
 """Codes of air and of fat."""
 
+AXES = "LSP"
+"""How the file's axes run, the fastest first: y, z, and x from the nipple to the chest wall."""
+
 VOXEL_MM = 1.0
 """The thesis' own estimate of its unit, from a small breast of 6 x 13 x 12 cm (section 3.1)."""
 
 
-def read_thesis(path: Path) -> Volume:
-    """Read the thesis' input file.
+def open_thesis(path: Path) -> VoxelFile:
+    """Find the size of the thesis' input file.
 
     Parameters
     ----------
@@ -33,13 +37,13 @@ def read_thesis(path: Path) -> Volume:
 
     Returns
     -------
-    Volume
-        Codes of the label map `thesis`, cropped to the tissue, voxels of 1 mm.
+    VoxelFile
+        Codes of the label map `thesis`, cropped to the tissue when they are read, voxels of 1 mm.
 
     Raises
     ------
     InputError
-        If the file is not a cube of 2-byte codes, or holds nothing but air.
+        If the file is not a cube of 2-byte codes; when it is read, if it holds nothing but air.
 
     Notes
     -----
@@ -51,23 +55,33 @@ def read_thesis(path: Path) -> Volume:
     chest-wall layer, its index Nx - 1; y = 0 is the middle.
     """
     side = cube_side(path)
-    inner = _cropped(np.fromfile(path, "<i2").reshape(side, side, side), path)
-    # [x, z, y] from the nipple -> [x, y, z] from the chest wall
-    values = inner.transpose(0, 2, 1)[::-1]
-    notes = [
+    note = (
         f"{path.name} says no voxel size and position: {VOXEL_MM:g} mm was taken, x from the chest "
         "wall, z as in the file, y towards the patient's left"
-    ]
+    )
+    return VoxelFile(
+        path, (side, side, side), np.full(3, VOXEL_MM), np.dtype("<i2"),
+        partial(_load, path, side), AXES, "by the thesis, but for y", whole_copies=2,
+        notes=(note,), files=(path,),
+    )  # fmt: skip
+
+
+def _load(path: Path, side: int, step: int) -> Voxels:
+    inner = _cropped(np.memmap(path, "<i2", "r", 0, (side, side, side)), path)
+    # [x, z, y] as the file has it -> [y, z, x], the fastest first
+    values = np.array(inner.transpose(2, 1, 0))
+    notes: tuple[str, ...] = ()
     unknown = ~np.isin(values, list(LABEL_MAPS["thesis"]))
     if unknown.any():
         found = ", ".join(str(code) for code in np.unique(values[unknown])[:20])
-        notes.append(
+        notes = (
             f"{int(unknown.sum())} voxels of {path.name} hold codes that the thesis does not name "
-            f"({found}): taken as fat, as it does"
+            f"({found}): taken as fat, as it does",
         )
-        values = np.where(unknown, np.int16(FAT), values)
-    origin = np.array([0.0, -0.5 * (values.shape[1] - 1) * VOXEL_MM, 0.0])
-    return Volume(values, np.full(3, VOXEL_MM), origin, tuple(notes))
+        values[unknown] = FAT
+    ny, _, nx = values.shape
+    first = VOXEL_MM * np.array([nx - 1.0, -0.5 * (ny - 1.0), 0.0])
+    return Voxels(every_nth(values, step), first, notes)
 
 
 def cube_side(path: Path) -> int:

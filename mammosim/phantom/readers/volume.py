@@ -1,27 +1,99 @@
-"""What every reader returns: voxels in the breast frame, values as they are in the file."""
+"""What every reader returns: first the header alone, then the voxels in the breast frame."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mammosim.errors import InputError
 
-BREAST_FROM_LPS = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""Breast frame (+x anterior, +y patient's left, +z superior) from LPS patient axes."""
+MAX_DEFLATE_RATIO = 1032
+"""Deflate's greatest compression (zlib technical details): a header that promises more lies."""
 
-OBLIQUE_LIMIT_DEG = 1.0
-"""Axes further than this from the breast frame's are refused rather than bent: 1 degree moves a
-voxel 75 mm from the centre by 1.3 mm, the resolution at which compression is computed."""
+
+class Voxels(NamedTuple):
+    """Voxels as they are in the file.
+
+    Parameters
+    ----------
+    values : ndarray, [i, j, k]
+        Along the file's own axes; may be a strided view.
+    first_mm : ndarray, (3,), optional
+        Centre of voxel [0, 0, 0] in the breast frame, mm, where it is known only now.
+    notes : tuple of str
+        What was assumed or mended while reading them.
+    """
+
+    values: NDArray[Any]
+    first_mm: NDArray[np.float64] | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class VoxelFile:
+    """A voxel file whose header was read and held against its length; no voxel was read yet.
+
+    Parameters
+    ----------
+    path : path
+    shape : tuple of int
+        Voxels along the file's own axes i, j, k.
+    voxel_mm : ndarray, (3,)
+        Voxel size along i, j, k, mm; 1 where the file does not say.
+    dtype : dtype
+        Of the values in the file.
+    load : callable
+        Gives `Voxels`: every n-th voxel along each axis, the first at n // 2, for a given n.
+    axes : str or None
+        Letters of i, j, k (see `axes`); None where neither the file nor its format says.
+    said_by : str
+        By whom it is said how the axes lie, in words.
+    says_voxel : bool
+        Whether the file says its voxel size.
+    first_mm : ndarray, (3,), or None
+        Centre of voxel [0, 0, 0] of the file, breast frame, mm; None where the file does not say.
+    whole_copies : int
+        How often all voxels are in memory while they are loaded, whatever n is.
+    laterality : {"L", "R"} or None
+        Which breast it is, where the file says.
+    label_map : mapping of int to str, optional
+        What each value stands for, where the file says.
+    notes : tuple of str
+        What was assumed or mended.
+    files : tuple of path
+        The files it consists of; the path alone where left out.
+    """
+
+    path: Path
+    shape: tuple[int, int, int]
+    voxel_mm: NDArray[np.float64]
+    dtype: np.dtype[Any]
+    load: Callable[[int], Voxels]
+    axes: str | None = None
+    said_by: str = ""
+    says_voxel: bool = True
+    first_mm: NDArray[np.float64] | None = None
+    whole_copies: int = 0
+    laterality: str | None = None
+    label_map: Mapping[int, str] | None = None
+    notes: tuple[str, ...] = ()
+    files: tuple[Path, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of voxels."""
+        nx, ny, nz = self.shape
+        return nx * ny * nz
 
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """Voxels of a file.
+    """Voxels of a file, turned into the breast frame.
 
     Parameters
     ----------
@@ -31,6 +103,12 @@ class Volume:
         Voxel size, mm.
     origin_mm : ndarray, (3,)
         Centre of voxel [0, 0, 0], breast frame, mm.
+    orientation : str
+        How the file's axes were taken to lie, in words.
+    laterality : {"L", "R"} or None
+        Which breast it is, where the file says.
+    label_map : mapping of int to str, optional
+        What each value stands for, where the file says.
     notes : tuple of str
         What was assumed or mended.
     """
@@ -38,7 +116,18 @@ class Volume:
     values: NDArray[Any]
     voxel_mm: NDArray[np.float64]
     origin_mm: NDArray[np.float64]
-    notes: tuple[str, ...] = field(default=())
+    orientation: str = ""
+    laterality: str | None = None
+    label_map: Mapping[int, str] | None = None
+    notes: tuple[str, ...] = ()
+
+
+def checked_shape(shape: ArrayLike, path: Path) -> tuple[int, int, int]:
+    """Three sides, refused unless each is at least one voxel."""
+    sides = [int(side) for side in np.asarray(shape, dtype=object).ravel()]
+    if len(sides) != 3 or min(sides) < 1:
+        raise InputError(f"{path}: its size is {sides} voxels, expected three sides of 1 or more")
+    return sides[0], sides[1], sides[2]
 
 
 def checked_spacing(spacing_mm: ArrayLike, path: Path) -> NDArray[np.float64]:
@@ -62,49 +151,28 @@ def checked_origin(origin_mm: ArrayLike, path: Path) -> NDArray[np.float64]:
     return origin
 
 
-def from_patient_axes(
-    values: NDArray[Any],
-    spacing_mm: NDArray[np.float64],
-    origin_lps_mm: NDArray[np.float64],
-    direction: NDArray[np.float64],
-    path: Path,
-) -> Volume:
-    """Turn an array with LPS patient axes into the breast frame, by a view and not a copy.
+def check_promise(promised: int, on_disk: int, ratio: float, path: Path) -> None:
+    """Refuse a header that promises more bytes of voxels than the file can hold.
 
     Parameters
     ----------
-    values : ndarray, [i, j, k]
-        Voxels along the file's own axes.
-    spacing_mm : ndarray, (3,)
-        Distance of voxels along i, j, k, mm.
-    origin_lps_mm : ndarray, (3,)
-        Centre of voxel [0, 0, 0] in LPS, mm.
-    direction : ndarray, (3, 3)
-        Columns are the LPS directions of i, j, k.
+    promised : int
+        Bytes of voxels by the header.
+    on_disk : int
+        Bytes in the file that can hold them.
+    ratio : float
+        Greatest compression of the file's coding; 1 where it has none.
     path : path
         For messages.
-
-    Raises
-    ------
-    InputError
-        If an axis lies obliquely to the breast frame's.
     """
-    turned = BREAST_FROM_LPS @ direction
-    axes = np.abs(turned).argmax(axis=0)
-    signs = np.sign(turned[axes, np.arange(3)])
-    along = np.abs(turned[axes, np.arange(3)])
-    # Not (>= limit), so that NaN is refused too.
-    if sorted(axes) != [0, 1, 2] or not (along >= np.cos(np.deg2rad(OBLIQUE_LIMIT_DEG))).all():
+    if promised > on_disk * ratio:
         raise InputError(
-            f"{path}: its axes (direction {direction.ravel().round(4).tolist()}) are oblique to "
-            "the patient's, expected axes along left, posterior and superior (either way round); "
-            "resample it first"
+            f"{path}: {on_disk} bytes cannot hold the {promised} bytes of voxels that the header "
+            "promises; truncated or damaged"
         )
-    origin = BREAST_FROM_LPS @ origin_lps_mm
-    order = np.argsort(axes)
-    for file_axis in range(3):
-        if signs[file_axis] < 0:
-            step = spacing_mm[file_axis] * (values.shape[file_axis] - 1)
-            origin[axes[file_axis]] -= step
-            values = np.flip(values, file_axis)
-    return Volume(values.transpose(order), spacing_mm[order], origin)
+
+
+def every_nth(values: NDArray[Any], step: int) -> NDArray[Any]:
+    """View of every n-th voxel along each axis, the middle one of each block."""
+    start = step // 2
+    return values[start::step, start::step, start::step] if step > 1 else values

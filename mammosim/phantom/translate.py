@@ -1,0 +1,135 @@
+"""From a file's own values to the labels of the tissue table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.errors import InputError
+from mammosim.tissues import TISSUES
+
+BLOCK_VOXELS = 1 << 22
+"""Voxels counted or translated at a time: a few tens of megabytes beside the phantom."""
+
+MOST_VALUES = 255
+"""Different values in a file of labels: a picture or a density map holds more."""
+
+MOST_SHOWN = 20
+"""Unknown labels that a message lists."""
+
+
+def translated(
+    values: NDArray[Any],
+    counts: Mapping[int, int],
+    label_map: Mapping[int, str],
+    voxel_mm3: float,
+    path: Path,
+) -> NDArray[np.uint8]:
+    """Labels of the tissue table.
+
+    Parameters
+    ----------
+    values : ndarray, [x, y, z]
+        The file's own; may be a strided view.
+    counts : mapping of int to int
+        Of `count_values`.
+    label_map : mapping of int to str
+        Tissue of each value.
+    voxel_mm3 : float
+        Volume of a voxel, mm3, for messages.
+    path : path
+        For messages.
+
+    Returns
+    -------
+    ndarray of uint8, [x, y, z]
+        z contiguous.
+
+    Raises
+    ------
+    InputError
+        If a value is not in the map; lists all such values with their volume.
+    """
+    _check_known(counts, label_map, voxel_mm3, path)
+    keys = np.array(sorted(counts))
+    labels = np.array([TISSUES[label_map[int(key)]].label for key in keys], np.uint8)
+    out = np.empty(values.shape, np.uint8)
+    table = np.zeros(256, np.uint8)
+    if values.dtype == np.uint8:
+        table[keys] = labels
+    for part in blocks(values):
+        block = values[part]
+        if values.dtype == np.uint8:
+            out[part] = table[block]
+        else:
+            out[part] = labels[np.searchsorted(keys, block)]
+    return out
+
+
+def count_values(values: NDArray[Any], path: Path) -> dict[int, int]:
+    """How often each value occurs.
+
+    Raises
+    ------
+    InputError
+        If there is no voxel, a value is not a whole number, or there are too many different ones.
+    """
+    if values.dtype.kind not in "iufb":
+        raise InputError(f"{path}: holds {values.dtype} voxels, expected whole numbers")
+    if values.size == 0:
+        raise InputError(f"{path}: its shape is {values.shape}, expected at least one voxel")
+    counts: dict[int, int] = {}
+    for part in blocks(values):
+        each, how_many = _counted(values[part])
+        odd = each[~(np.isfinite(each) & (each == np.rint(each)))]
+        if len(odd):
+            raise InputError(f"{path}: holds the value {odd[0]}, expected whole-number labels")
+        for value, number in zip(each, how_many, strict=True):
+            counts[int(value)] = counts.get(int(value), 0) + int(number)
+        if len(counts) > MOST_VALUES:
+            raise InputError(
+                f"{path}: holds over {MOST_VALUES} different values, expected tissue labels"
+            )
+    return counts
+
+
+def blocks(values: NDArray[Any]) -> Iterator[tuple[slice, ...]]:
+    """Slices through the slowest axis of an array, each of some million voxels."""
+    axis = int(np.argmax(np.abs(values.strides)))
+    layers = max(1, BLOCK_VOXELS * values.shape[axis] // max(values.size, 1))
+    for start in range(0, values.shape[axis], layers):
+        part = [slice(None)] * 3
+        part[axis] = slice(start, start + layers)
+        yield tuple(part)
+
+
+def _counted(block: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
+    """Different values of a block, and how often each occurs."""
+    if block.dtype.kind in "iu" and block.dtype.itemsize <= 2:
+        lowest = int(block.min())
+        how_many = np.bincount(block.ravel(order="K").astype(np.int64) - lowest)
+        each = np.flatnonzero(how_many)
+        return each + lowest, how_many[each]
+    return np.unique(block.astype(np.uint8) if block.dtype.kind == "b" else block,
+                     return_counts=True)  # fmt: skip
+
+
+def _check_known(
+    counts: Mapping[int, int], label_map: Mapping[int, str], voxel_mm3: float, path: Path
+) -> None:
+    unknown = [value for value in sorted(counts) if value not in label_map]
+    if not unknown:
+        return
+    known = ", ".join(f"{label} {tissue}" for label, tissue in label_map.items())
+    shown = [
+        f"{path}: label {value} ({counts[value] * voxel_mm3 / 1000:.3g} mL) is not in the label map"
+        for value in unknown[:MOST_SHOWN]
+    ]
+    if len(unknown) > MOST_SHOWN:
+        more = len(unknown) - MOST_SHOWN
+        shown.append(f"{path}: and {more} more labels that are not in the label map")
+    raise InputError([*shown, f"{path}: known labels: {known}"])
