@@ -115,7 +115,7 @@ def test_cache_is_used_and_a_broken_one_ignored(tmp_path, monkeypatch):
     file.write_bytes(file.read_bytes()[:100])
     tube._remembered.cache_clear()
     np.testing.assert_array_equal(tube.tube_fluence("Mo", 23.0)[1], fluence)
-    assert calls == [("Mo", 23.0)]
+    assert calls == [("Mo", 23.0, 0.0)]
     assert len(list(tmp_path.iterdir())) == 1
     tube._remembered.cache_clear()
     assert energy.size == fluence.size

@@ -1,8 +1,19 @@
 """From path lengths to a mammogram: spectrum, scatter, detector, noise, dose, presentation."""
 
+from mammosim.acquisition.beforehand import check_acquisition
 from mammosim.acquisition.detectors import DETECTORS, Detector
 from mammosim.acquisition.expose import expose
 from mammosim.acquisition.mammogram import Mammogram
 from mammosim.acquisition.settings import AcquisitionSettings
+from mammosim.acquisition.tomosynthesis import Tomosynthesis, expose_arc
 
-__all__ = ["DETECTORS", "AcquisitionSettings", "Detector", "Mammogram", "expose"]
+__all__ = [
+    "DETECTORS",
+    "AcquisitionSettings",
+    "Detector",
+    "Mammogram",
+    "Tomosynthesis",
+    "check_acquisition",
+    "expose",
+    "expose_arc",
+]

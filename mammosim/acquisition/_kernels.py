@@ -28,28 +28,51 @@ class Rays(NamedTuple):
     column_tangent: NDArray[np.float64]
 
 
+class Weights(NamedTuple):
+    """The sum over energies for rays at right angles to the detector.
+
+    Parameters
+    ----------
+    energy, square : ndarray of float64, [column or 1, energy]
+        Absorbed energy of each bin and its second moment, per column of pixels or for all.
+    flat_depth : ndarray of float64, (energies,)
+        Attenuation of the flat layers in the way, crossed at right angles.
+    mean_depth : float
+        Its mean, weighted with the energy absorbed behind nothing else.
+    """
+
+    energy: NDArray[np.float64]
+    square: NDArray[np.float64]
+    flat_depth: NDArray[np.float64]
+    mean_depth: float
+
+
 @parallel_kernel
 def primary_kernel(
     length_mm: F32,
     mu_per_mm: F64,
-    energy_weight: F64,
-    square_weight: F64,
+    weights: Weights,
     rays: Rays,
     out_signal: F32,
     out_square: F32,
 ) -> None:
     """Absorbed energy and its second moment behind each pixel's path.
 
-    ``out = cos^3 sum_e weight_e exp(-sum_t mu_te length_t)``: the fluence falls with the square of
-    the distance and with the obliquity of the detector.
+    ``out = cos^3 sum_e weight_e exp(-sum_t mu_te length_t - depth_e (1/cos - 1))``: the fluence
+    falls with the square of the distance and with the obliquity of the detector, and an oblique
+    ray has more of the flat layers in its way. In air alone their mean depth is used, which
+    `log_attenuation_kernel` takes back (1e-4 of the signal at 1/cos = 1.1).
 
     `length_mm` is float32 [tissue, row, column], `mu_per_mm` [energy, tissue]; `out_*` are
     float32 [row, column].
     """
     tissues, rows, columns = length_mm.shape
-    energies = energy_weight.size
-    air_signal = energy_weight.sum()
-    air_square = square_weight.sum()
+    sources, energies = weights.energy.shape
+    air_signal, air_square = np.zeros(sources), np.zeros(sources)
+    for source in range(sources):
+        for e in range(energies):
+            air_signal[source] += weights.energy[source, e]
+            air_square[source] += weights.square[source, e]
     for row in numba.prange(rows):
         met = np.empty(tissues, np.int64)
         for column in range(columns):
@@ -58,23 +81,33 @@ def primary_kernel(
                 if length_mm[tissue, row, column] > 0.0:
                     met[number] = tissue
                     number += 1
-            signal = air_signal
-            square = air_square
-            if number > 0:
+            source = min(column, sources - 1)
+            secant = _secant(rays, row, column)
+            excess = secant - 1.0
+            if number == 0:
+                passed = exp(-weights.mean_depth * excess)
+                signal = air_signal[source] * passed
+                square = air_square[source] * passed
+            else:
                 signal = 0.0
                 square = 0.0
                 for e in range(energies):
-                    depth = 0.0
+                    depth = weights.flat_depth[e] * excess
                     for k in range(number):
                         depth += mu_per_mm[e, met[k]] * length_mm[met[k], row, column]
                     transmitted = exp(-depth)
-                    signal += energy_weight[e] * transmitted
-                    square += square_weight[e] * transmitted
-            u, v = rays.row_tangent[row], rays.column_tangent[column]
-            oblique = 1.0 + u * u + v * v
-            falloff = 1.0 / (oblique * sqrt(oblique))
+                    signal += weights.energy[source, e] * transmitted
+                    square += weights.square[source, e] * transmitted
+            falloff = 1.0 / (secant * secant * secant)
             out_signal[row, column] = signal * falloff
             out_square[row, column] = square * falloff
+
+
+@kernel
+def _secant(rays: Rays, row: int, column: int) -> float:
+    """One over the cosine of the angle between a pixel's ray and the detector's normal."""
+    u, v = rays.row_tangent[row], rays.column_tangent[column]
+    return sqrt(1.0 + u * u + v * v)
 
 
 @kernel
@@ -125,22 +158,23 @@ def add_scatter_kernel(
 @parallel_kernel
 def log_attenuation_kernel(
     signal: F32,
-    air_signal: float,
+    air_signal: F64,
+    mean_depth: float,
     rays: Rays,
     out_attenuation: F32,
 ) -> None:
     """Logarithm of the signal of air over each pixel's own, flat-fielded.
 
-    A signal below a millionth of air's counts as that.
+    `air_signal` [column or 1] is that of rays at right angles to the detector. A signal below a
+    millionth of air's counts as that.
     """
     rows, columns = signal.shape
-    floor = 1e-6 * air_signal
     for row in numba.prange(rows):
         for column in range(columns):
-            u, v = rays.row_tangent[row], rays.column_tangent[column]
-            oblique = 1.0 + u * u + v * v
-            flat = max(signal[row, column] * oblique * sqrt(oblique), floor)
-            out_attenuation[row, column] = log(air_signal / flat)
+            air = air_signal[min(column, air_signal.size - 1)]
+            secant = _secant(rays, row, column)
+            flat = signal[row, column] * secant**3 * exp(mean_depth * (secant - 1.0))
+            out_attenuation[row, column] = log(air / max(flat, 1e-6 * air))
 
 
 @parallel_kernel

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
+from mammosim.acquisition.blur import filter_image
 from mammosim.acquisition.detectors import Detector
 
-BLUR_MARGIN_MM = 3.0  # converters spread light by tenths of a millimetre
 PATTERN_SEED = 20110131  # one detector has one fixed pattern, whatever the exposure's seed
 
 
@@ -44,7 +43,7 @@ def detect(
         np.sqrt(variance_kev2, out=variance_kev2)
         variance_kev2 *= rng.standard_normal(signal_kev.shape, dtype=np.float32)
         signal_kev += variance_kev2
-    _blur(signal_kev, detector, pixel_mm)
+    filter_image(signal_kev, lambda u, v: detector.transfer(np.hypot(u, v)), pixel_mm)
     if variance_kev2 is not None:
         pattern = np.random.Generator(np.random.Philox(PATTERN_SEED))
         pattern.standard_normal(out=variance_kev2, dtype=np.float32)
@@ -63,18 +62,3 @@ def noise_through_blur(detector: Detector, pixel_mm: float) -> float:
     """
     axis = (np.arange(256) + 0.5) / 512.0 / pixel_mm
     return float(np.mean(detector.transfer(np.hypot(axis[:, None], axis[None, :])) ** 2))
-
-
-def _blur(image: NDArray[np.float32], detector: Detector, pixel_mm: float) -> None:
-    """Blur by the converter, in place; the image goes on beyond its edges as it ends there."""
-    margin = round(BLUR_MARGIN_MM / pixel_mm)
-    rows, columns = (fft.next_fast_len(n + 2 * margin, real=True) for n in image.shape)
-    below, right = rows - image.shape[0] - margin, columns - image.shape[1] - margin
-    padded = np.pad(image, ((margin, below), (margin, right)), mode="edge")
-    spectrum = fft.rfft2(padded, overwrite_x=True)
-    row_frequency = fft.fftfreq(rows, pixel_mm)
-    column_frequency = fft.rfftfreq(columns, pixel_mm)
-    for index, frequency in enumerate(row_frequency):  # a row at a time: no second full-size array
-        spectrum[index] *= detector.transfer(np.hypot(frequency, column_frequency))
-    blurred = fft.irfft2(spectrum, (rows, columns), overwrite_x=True)
-    image[:] = blurred[margin : margin + image.shape[0], margin : margin + image.shape[1]]

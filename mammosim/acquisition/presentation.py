@@ -120,7 +120,8 @@ def _missing_attenuation(
 ) -> NDArray[np.float64]:
     """What the margin lacks against the plateau, ln units, on the coarse grid; 0 in air."""
     expected, plateau = _fat_profile(coarse, breast, depth_mm, cell_mm)
-    local = _local_mean(coarse, breast, LOCAL_SIGMA_MM / cell_mm)
+    sigma = LOCAL_SIGMA_MM / cell_mm
+    local = _local_mean(coarse, breast, _nearness(breast, sigma), sigma)
     shallow = np.clip(2.0 - depth_mm / LOCAL_DEPTH_MM, 0.0, 1.0)
     thinner = shallow * np.maximum(expected - local, 0.0)
     lacking = STRENGTH * np.maximum(plateau - expected + thinner, 0.0)
@@ -154,8 +155,9 @@ def _fat_profile(
     for number, centre in enumerate(centres):
         ring = breast & (np.abs(depth_mm - centre) <= 0.5 * RING_MM)
         if ring.any():
-            mean = _local_mean(coarse, ring, sigma)
-            level = np.maximum(level, _local_mean(np.minimum(coarse, mean), ring, sigma))
+            near = _nearness(ring, sigma)
+            mean = _local_mean(coarse, ring, near, sigma)
+            level = np.maximum(level, _local_mean(np.minimum(coarse, mean), ring, near, sigma))
         rings[number] = level
     place = np.clip((depth_mm - centres[0]) / RING_MM, 0.0, centres.size - 1.0)
     below = np.minimum(place.astype(np.intp), centres.size - 2)
@@ -166,13 +168,23 @@ def _fat_profile(
     return (1.0 - part) * low + part * high, plateau
 
 
+def _nearness(region: NDArray[np.bool_], sigma_cells: float) -> NDArray[np.float64]:
+    """Share of each place's neighbourhood that belongs to a region."""
+    share: NDArray[np.float64] = ndimage.gaussian_filter(
+        region.astype(np.float64), sigma_cells, mode="nearest"
+    )
+    return np.maximum(share, 1e-6)
+
+
 def _local_mean(
-    coarse: NDArray[np.float64], breast: NDArray[np.bool_], sigma_cells: float
+    coarse: NDArray[np.float64],
+    region: NDArray[np.bool_],
+    nearness: NDArray[np.float64],
+    sigma_cells: float,
 ) -> NDArray[np.float64]:
-    """Weighted mean of the neighbourhood that belongs to the breast."""
-    weight = ndimage.gaussian_filter(breast.astype(np.float64), sigma_cells, mode="nearest")
-    total = ndimage.gaussian_filter(np.where(breast, coarse, 0.0), sigma_cells, mode="nearest")
-    mean: NDArray[np.float64] = total / np.maximum(weight, 1e-6)
+    """Mean of the part of the neighbourhood that belongs to a region."""
+    total = ndimage.gaussian_filter(np.where(region, coarse, 0.0), sigma_cells, mode="nearest")
+    mean: NDArray[np.float64] = total / nearness
     return mean
 
 

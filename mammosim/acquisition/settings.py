@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import AfterValidator, Field, WithJsonSchema
+from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
 from mammosim.acquisition.detectors import DETECTORS
 from mammosim.acquisition.spectrum import FILTER_MM
@@ -82,6 +82,13 @@ class AcquisitionSettings(Settings):
     """Path of a spectrum of two columns, keV and photons a bin per mm2 and mAs at 1 m behind the
     filter, used in place of the tube model."""
 
+    heel: bool = False
+    """Whether the beam weakens towards the nipple, where the anode is (heel effect); off, since
+    clinical systems take it out of their pictures."""
+
+    focal_spot_mm: float = Field(default=0.3, ge=0.0, le=2.0)
+    """Side of the square focal spot in mm; 0.3 is the nominal large spot of mammography tubes."""
+
     paddle_mm: float = Field(default=3.0, ge=0.0, le=20.0)
     """Polycarbonate of the compression paddle in mm."""
 
@@ -111,3 +118,9 @@ class AcquisitionSettings(Settings):
 
     noise: bool = True
     """Whether quantum, electronic and fixed-pattern noise are added."""
+
+    @model_validator(mode="after")
+    def _heel_of_a_known_tube(self) -> Self:
+        if self.heel and self.spectrum_file is not None:
+            raise ValueError("heel: found true with a spectrum_file, expected the tube model")
+        return self

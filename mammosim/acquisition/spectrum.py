@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +29,7 @@ KEV_TO_MGY_G = (
     1.602177e-10  # mGy in 1 g for 1 keV absorbed: 1.602177e-16 J / 1e-3 kg * 1e3 (CODATA)
 )
 MM2_PER_CM2 = 100.0
+MOST_ABOVE_KEV = 0.5  # half a wide bin: the highest bin's centre may lie this far above the voltage
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +47,8 @@ class Beam:
         Centres of the energy bins, keV.
     fluence_mm2_mas : ndarray of float64, (n,)
         Photons a bin, 1/(mm2 mAs), on the central ray 1 m from the focal spot.
+    layers_mm : mapping of str to float
+        Flat layers of `BEAM_MATERIALS` that the beam has crossed at right angles, mm.
     """
 
     target: str
@@ -52,6 +57,7 @@ class Beam:
     kvp: float
     energy_kev: NDArray[np.float64]
     fluence_mm2_mas: NDArray[np.float64]
+    layers_mm: Mapping[str, float] = field(default_factory=dict)
 
     def fluence_at(self, distance_mm: float) -> NDArray[np.float64]:
         """(n,) photons a bin, 1/(mm2 mAs), on the central ray; inverse square law."""
@@ -86,7 +92,7 @@ class Beam:
 def make_beam(
     target: str,
     filter: str,
-    kvp: float,
+    kvp: float | None = None,
     *,
     filter_mm: float | None = None,
     air_mm: float = 1000.0,
@@ -101,8 +107,8 @@ def make_beam(
         Anode material.
     filter : {"Mo", "Rh", "Ag", "Al"}
         Filter material.
-    kvp : float
-        Tube voltage, kV.
+    kvp : float, optional
+        Tube voltage, kV; may be left out with a spectrum file: its highest energy.
     filter_mm : float, optional
         Filter thickness, mm; left out: the usual one of `FILTER_MM`.
     air_mm : float
@@ -120,8 +126,8 @@ def make_beam(
     Raises
     ------
     InputError
-        If target, filter or tube voltage is not one that the spectrum model covers, or the file
-        cannot be read.
+        If target, filter or tube voltage is not one that the spectrum model covers, the file
+        cannot be read, or it holds photons of more than the tube voltage.
 
     Notes
     -----
@@ -133,18 +139,22 @@ def make_beam(
         )
     if filter_mm is None:
         filter_mm = 0.050 if (target, filter) == ("W", "Rh") else FILTER_MM[filter]
-    layers = {"air": air_mm, "polycarbonate": paddle_mm}
-    if spectrum_file is None:
-        energy, fluence = tube_fluence(target, kvp)
-        layers |= {"Be": WINDOW_BE_MM, filter: filter_mm}
-    else:
+    flat = {"air": air_mm, "polycarbonate": paddle_mm}
+    if spectrum_file is not None:
         energy, fluence = read_spectrum(spectrum_file)
+        kvp = _voltage_of(energy, fluence, kvp, spectrum_file)
+        layers = flat
+    else:
+        if kvp is None:
+            raise InputError("acquisition.kvp: left out, must be given without a spectrum file")
+        energy, fluence = tube_fluence(target, kvp)
+        layers = {**flat, "Be": WINDOW_BE_MM, filter: filter_mm}
     for name, thickness_mm in layers.items():
         mu = attenuation_per_mm(BEAM_MATERIALS[name], energy)
         fluence = fluence * np.exp(-mu * thickness_mm)
     # What is left of the softest photons (below about 5 keV) weighs nothing and costs time.
     kept = fluence > 1e-9 * fluence.max()
-    return Beam(target, filter, filter_mm, kvp, energy[kept], fluence[kept])
+    return Beam(target, filter, filter_mm, kvp, energy[kept], fluence[kept], flat)
 
 
 def read_spectrum(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -159,16 +169,36 @@ def read_spectrum(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     if not Path(path).is_file():
         raise InputError(f"acquisition.spectrum_file: no such file: {path}")
     try:
-        table = np.loadtxt(path, dtype=np.float64, ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # NumPy warns of an empty file, refused below
+            table = np.loadtxt(path, dtype=np.float64, ndmin=2)
     except ValueError as error:
         raise InputError(f"{path}: not two columns of numbers ({error})") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
-        raise InputError(f"{path}: found a table of {table.shape}, expected two columns")
+        raise InputError(
+            f"{path}: found a table of {table.shape}, expected two columns and two rows or more"
+        )
     energy, fluence = table.T
     # xraylib's energy-absorption table begins at 1 keV.
     rising = bool(np.all(np.diff(energy) > 0.0)) and energy[0] >= 1.0 and energy[-1] <= 150.0
-    if not rising or not np.all(fluence >= 0.0) or not fluence.sum() > 0.0:
+    sound = bool(np.all(np.isfinite(fluence) & (fluence >= 0.0))) and fluence.sum() > 0.0
+    if not rising or not sound:
         raise InputError(
             f"{path}: expected rising energies of 1 to 150 keV and fluences that are not negative"
         )
     return energy.copy(), fluence.copy()
+
+
+def _voltage_of(
+    energy_kev: NDArray[np.float64], fluence: NDArray[np.float64], kvp: float | None, path: str
+) -> float:
+    """Tube voltage of a spectrum: the one given if no photon exceeds it, or the highest energy."""
+    highest = float(energy_kev[fluence > 0.0].max())
+    if kvp is not None and highest > kvp + MOST_ABOVE_KEV:
+        raise InputError(
+            f"{path}: found photons of {highest:g} keV, which a tube at acquisition.kvp {kvp:g} "
+            "cannot emit; leave kvp out or give the spectrum's own"
+        )
+    return highest if kvp is None else kvp

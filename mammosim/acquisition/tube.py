@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import tempfile
@@ -25,12 +26,14 @@ KVP_RANGE: tuple[float, float] = (20.0, 40.0)
 REFERENCE_MM = 1000.0
 """Distance from the focal spot that fluences are given for, mm."""
 
-ANODE_ANGLE_DEG = 16.0  # target angle plus tube tilt on the central ray of mammography tubes
+ANODE_ANGLE_DEG = 16.0  # usual target angle of mammography tubes, against the tube's own axis
 BIN_KEV = 0.25  # with 0.5 keV the K-edge of a Rh filter shows in the HVL
 PHYSICS = "casim"  # SpekPy's model for W, Mo and Rh: Omar et al. 2020, Med Phys 47:4763
 
 
-def tube_fluence(target: str, kvp: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def tube_fluence(
+    target: str, kvp: float, towards_anode_deg: float = 0.0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Photons that leave the anode, before window and filter.
 
     Parameters
@@ -38,11 +41,14 @@ def tube_fluence(target: str, kvp: float) -> tuple[NDArray[np.float64], NDArray[
     target : {"W", "Mo", "Rh"}
     kvp : float
         Tube voltage, kV, within `KVP_RANGE`.
+    towards_anode_deg : float
+        Angle of the ray with the tube's axis, degrees, below `ANODE_ANGLE_DEG`; rays towards the
+        anode leave it at a grazing angle.
 
     Returns
     -------
     energy_kev, fluence_mm2_mas : ndarray of float64, (n,)
-        Bin centres, and photons a bin, 1/(mm2 mAs), 1 m from the focal spot.
+        Bin centres, and photons a bin, 1/(mm2 mAs) across the ray, 1 m from the focal spot.
 
     Raises
     ------
@@ -60,30 +66,40 @@ def tube_fluence(target: str, kvp: float) -> tuple[NDArray[np.float64], NDArray[
     low, high = KVP_RANGE
     if not low <= kvp <= high:
         raise InputError(f"acquisition.kvp: found {kvp:g}, expected {low:g} to {high:g} kV")
-    return _remembered(target, round(float(kvp), 3))
+    return _remembered(target, round(float(kvp), 3), round(float(towards_anode_deg), 3))
 
 
 @cache
-def _remembered(target: str, kvp: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    file = _cache_folder() / f"spekpy-{version('spekpy')}-{PHYSICS}-{target}-{kvp:.3f}kV.npz"
+def _remembered(
+    target: str, kvp: float, towards_anode_deg: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    direction = f"-{towards_anode_deg:+.3f}deg" if towards_anode_deg else ""
+    name = f"spekpy-{version('spekpy')}-{PHYSICS}-{target}-{kvp:.3f}kV{direction}.npz"
+    file = _cache_folder() / name
     spectrum = _read(file)
     if spectrum is None:
-        spectrum = _computed(target, kvp)
+        spectrum = _computed(target, kvp, towards_anode_deg)
         _write(file, *spectrum)
     for array in spectrum:
         array.setflags(write=False)
     return spectrum
 
 
-def _computed(target: str, kvp: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _computed(
+    target: str, kvp: float, towards_anode_deg: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     import spekpy  # imported when first needed: it takes a second
 
+    slope = math.tan(math.radians(towards_anode_deg))
+    distance_cm = REFERENCE_MM / 10.0
     tube = spekpy.Spek(
         kvp=kvp, th=ANODE_ANGLE_DEG, dk=BIN_KEV, targ=target, physics=PHYSICS,
-        z=REFERENCE_MM / 10.0, mas=1.0,
+        x=-distance_cm * slope, z=distance_cm, mas=1.0,
     )  # fmt: skip
     energy_kev, per_kev_cm2 = tube.get_spectrum(edges=False, flu=True, diff=True)
-    return np.asarray(energy_kev), np.asarray(per_kev_cm2) * BIN_KEV / 100.0
+    # SpekPy gives the fluence on the plane z, which an inclined ray reaches further away.
+    per_kev_cm2 = np.asarray(per_kev_cm2) * (1.0 + slope**2)
+    return np.asarray(energy_kev), per_kev_cm2 * BIN_KEV / 100.0
 
 
 def _cache_folder() -> Path:

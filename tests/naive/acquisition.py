@@ -38,7 +38,7 @@ def half_disc(shape, pixel_mm, radius_mm):
     return np.hypot(y[:, None], x[None, :]) < radius_mm
 
 
-def primary(lengths_mm, mu_per_mm, weights, gantry):
+def primary(lengths_mm, mu_per_mm, weights, flat_depth, gantry):
     """Sum over energies behind each pixel, one pixel after the other."""
     tissues, rows, columns = lengths_mm.shape
     spot = gantry.focal_spot_mm
@@ -47,14 +47,15 @@ def primary(lengths_mm, mu_per_mm, weights, gantry):
         for column in range(columns):
             x, y = gantry.detector_xy_mm(row, column)
             distance = math.dist((x, y, -gantry.support_to_detector_mm), spot)
-            cosine = gantry.source_to_detector_mm / distance
+            height = spot[2] + gantry.support_to_detector_mm
+            cosine = height / distance
             total = 0.0
             for e, weight in enumerate(weights):
-                depth = 0.0
+                depth = flat_depth[e] * (1.0 / cosine - 1.0)
                 for t in range(tissues):
                     depth += mu_per_mm[e, t] * float(lengths_mm[t, row, column])
                 total += weight * math.exp(-depth)
-            fall = (gantry.source_to_detector_mm / distance) ** 2
+            fall = (height / distance) ** 2
             out[row, column] = total * fall * cosine
     return out
 

@@ -1,0 +1,109 @@
+"""A series of projections: dose, noise and scale of its members."""
+
+import numpy as np
+import pytest
+from naive.projection import phantom, unsqueezed
+
+from mammosim.acquisition import expose, expose_arc
+from mammosim.errors import InputError
+from mammosim.projection import project, project_arc
+
+ADIPOSE, GLAND = 1, 29
+KEYS = {"kvp": 28.0, "mas": 90.0}
+
+
+def block(thickness_voxels=10):
+    """A slab of fat with a lump of gland, 40 x 70 x 40 mm."""
+    labels = np.full((20, 35, thickness_voxels), ADIPOSE, dtype=np.uint8)
+    labels[5:10, 14:20, 3:6] = GLAND
+    return unsqueezed(phantom(labels, [2.0, 2.0, 4.0], [1.0, -34.0, 2.0]), plates_mm=(0.0, 40.0))
+
+
+def sweep(projections=5, **keys):
+    return project_arc(
+        block(), {"projections": projections, **keys}, pixel_mm=0.5, detector_mm=[150.0, 60.0]
+    )
+
+
+@pytest.fixture(scope="module")
+def series():
+    return expose_arc(sweep(), seed=3, **KEYS)
+
+
+def test_load_and_dose_are_split_evenly(series):
+    picture = expose(
+        project(block(), pixel_mm=0.5, detector_mm=[150.0, 60.0]), grid=False, noise=False, **KEYS
+    )
+    assert series.mas == pytest.approx(90.0)
+    assert series.middle.mas == pytest.approx(18.0)
+    assert series.dose_mgy == pytest.approx(picture.dose_mgy, rel=1e-9)
+    assert series.air_kerma_mgy == pytest.approx(picture.air_kerma_mgy, rel=1e-9)
+    assert series.middle.dose_mgy == pytest.approx(picture.dose_mgy / 5, rel=1e-9)
+
+
+def test_exposure_control_gives_the_load_of_one_picture():
+    arc = sweep(3)
+    one = expose(arc.paths(1), grid=False, noise=False)
+    assert expose_arc(arc, noise=False).mas == pytest.approx(one.mas, rel=1e-9)
+
+
+def test_the_middle_projection_is_the_upright_one(series):
+    assert series.gantries[2].tube_angle_deg == 0.0
+    assert series.middle.gantry is series.gantries[2]
+    np.testing.assert_array_equal(series.projections[2], series.middle.for_processing)
+    assert not series.middle.grid
+
+
+def test_all_projections_share_one_scale(series):
+    """Air right under each focal spot: energy over the square of the spot's height."""
+    for angle in (40.0, 10.0):
+        arc = project_arc(
+            block(), {"angle_range_deg": angle, "projections": 3}, pixel_mm=1.0,
+            detector_mm=[600.0, 60.0], focal_spot_y_mm=0.0,
+        )  # fmt: skip
+        quiet = expose_arc(arc, noise=False, scatter=False, **KEYS)
+        found, height = [], []
+        for gantry, counts in zip(arc.gantries, quiet.projections, strict=True):
+            row = round(float(gantry.pixel_of(50.0, gantry.focal_spot_mm[1])[0]))
+            found.append(float(counts[row, 50]))
+            height.append(gantry.focal_spot_height_mm)
+        if angle == 40.0:  # upright, the foot lies behind the breast
+            found, height = found[::2], height[::2]
+            assert found[0] == pytest.approx(found[1], rel=2e-3)
+        assert max(found) < 16383
+    assert quiet.counts_per_kev > 0.0
+
+
+def test_noise_is_another_in_each_projection_and_the_seeds_alone(series):
+    again, other = (expose_arc(sweep(), seed=seed, **KEYS) for seed in (3, 4))
+    np.testing.assert_array_equal(again.projections, series.projections)
+    assert (other.projections != series.projections).mean() > 0.5
+    # The fixed pattern is the same in all; what changes with the seed must not repeat itself.
+    changed = series.projections.astype(float) - other.projections
+    air = np.s_[2:30, 90:]
+    assert abs(np.corrcoef(changed[0][air].ravel(), changed[4][air].ravel())[0, 1]) < 0.1
+
+
+def test_each_projection_has_its_share_of_the_quanta():
+    """Variance over signal squared of a projection is that of the whole load times their number."""
+    arc = sweep(3, angle_range_deg=0.0)
+    series = expose_arc(arc, detector="a-Se-70", **KEYS)
+    whole = expose(arc.paths(1), grid=False, **KEYS)
+    part = np.s_[20:60, 100:118]  # air
+    first, second = (series.projections[k][part].astype(float) for k in (0, 2))
+    spread = np.var(first - second) / 2.0 / first.mean() ** 2
+    pair = [expose(arc.paths(1), grid=False, seed=seed, **KEYS) for seed in (1, 2)]
+    one, two = (image.for_processing[part].astype(float) for image in pair)
+    assert whole.mas == pytest.approx(3.0 * series.middle.mas)
+    # 720 pixels a variance: 5 per cent standard error each
+    assert spread == pytest.approx(3.0 * np.var(one - two) / 2.0 / one.mean() ** 2, rel=0.25)
+
+
+def test_a_grid_only_when_asked_for():
+    assert expose_arc(sweep(1), grid=True, **KEYS).middle.grid
+    assert expose_arc(sweep(1), **KEYS).notes == expose_arc(sweep(1), **KEYS).middle.notes
+
+
+def test_unknown_keys_are_refused():
+    with pytest.raises(InputError, match=r"acquisition.dose: unknown key"):
+        expose_arc(sweep(1), dose=1.0)
