@@ -97,16 +97,7 @@ def build_lattice(
     Nodes that no chain of neighbours ties to the chest wall have no place of rest and are left out.
     """
     frame = _frame_around(breast, view, resolution_mm)
-    fraction, modulus, muscle = (np.zeros(frame.shape, np.float32) for _ in range(3))
-    samples = int(np.clip(np.ceil(resolution_mm / breast.voxel_mm.min() - 1e-6), 2, MOST_SAMPLES))
-    moduli = np.zeros(256, np.float32)
-    for label, name in breast.tissue_of_label.items():
-        if name != "air":
-            moduli[label] = stiffness_kpa(name, stiffness_set)
-    gather_blocks(
-        breast.labels, moduli, _table(breast, "muscle"), _to_voxel(breast, view, frame), samples,
-        fraction, modulus, muscle,
-    )  # fmt: skip
+    fraction, modulus, muscle = gather_tissue(breast, view, frame, stiffness_set)
     tissue = fraction >= SMALLEST_PART
     tissue[[0, -1]] = tissue[:, [0, -1]] = tissue[:, :, [0, -1]] = False
     chest_wall = np.zeros_like(tissue)
@@ -121,6 +112,34 @@ def build_lattice(
     notes = (f"{apart} lattice nodes are not tied to the chest wall and were left out",)
     modulus[~held] = 0.0
     return Lattice(frame, modulus, held & (muscle >= 0.5), notes if apart else ())
+
+
+def gather_tissue(
+    breast: BreastPhantom, view: View, frame: VoxelFrame, stiffness_set: str
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Tissue in the blocks around the points of a frame (compression frame), each [x, y, z].
+
+    Returns
+    -------
+    fraction : ndarray of float32
+        Part of the block that is tissue.
+    modulus : ndarray of float32
+        Mean modulus of that tissue, kPa; 0 where there is none.
+    muscle : ndarray of float32
+        Part of that tissue that is muscle.
+    """
+    fraction, modulus, muscle = (np.zeros(frame.shape, np.float32) for _ in range(3))
+    fineness = float(frame.spacing_mm[0]) / breast.voxel_mm.min()
+    samples = int(np.clip(np.ceil(fineness - 1e-6), 2, MOST_SAMPLES))
+    moduli = np.zeros(256, np.float32)
+    for label, name in breast.tissue_of_label.items():
+        if name != "air":
+            moduli[label] = stiffness_kpa(name, stiffness_set)
+    gather_blocks(
+        breast.labels, moduli, _table(breast, "muscle"), _to_voxel(breast, view, frame), samples,
+        fraction, modulus, muscle,
+    )  # fmt: skip
+    return fraction, modulus, muscle
 
 
 def breast_volume_ml(breast: BreastPhantom) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression.lattice import Lattice, Reach
+from mammosim.compression.lattice import MUSCLE_REACH_MM, Lattice, Reach
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
 
@@ -46,6 +46,13 @@ def population_thickness_mm(view: str, volume_ml: float) -> float:
     if view == "CC":
         return 10.0 * (0.60 * volume_ml / (0.073 * volume_ml + 36.01) + 0.70)
     return 10.0 * (0.66 * volume_ml / (0.064 * volume_ml + 74.53) + 1.58)
+
+
+def muscle_is_fixed(settings: CompressionSettings, reach: Reach) -> bool:
+    """Whether labelled muscle is held, by the settings or by how far it reaches forward."""
+    if settings.muscle is not None:
+        return settings.muscle == "fixed"
+    return reach.muscle_mm - reach.chest_wall_mm <= MUSCLE_REACH_MM
 
 
 def plate_edge_mm(settings: CompressionSettings, reach: Reach, muscle_fixed: bool) -> float:

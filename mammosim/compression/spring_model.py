@@ -11,13 +11,12 @@ from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.continuation import continued
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.lattice import (
-    MUSCLE_REACH_MM,
     Lattice,
     breast_volume_ml,
     build_lattice,
     tissue_front,
 )
-from mammosim.compression.plates import Plates, place_plates, plate_edge_mm
+from mammosim.compression.plates import Plates, muscle_is_fixed, place_plates, plate_edge_mm
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.springs import SpringProblem, SpringState, relax, solve
 from mammosim.compression.springs.measures import spring_measures
@@ -106,15 +105,12 @@ def compress_springs(
     """
     lattice = build_lattice(breast, view, settings.resolution_mm, settings.stiffness)
     reach = tissue_front(breast)
-    muscle = settings.muscle
-    if muscle is None:
-        soft = reach.muscle_mm - reach.chest_wall_mm > MUSCLE_REACH_MM
-        muscle = "soft" if soft else "fixed"
+    muscle_fixed = muscle_is_fixed(settings, reach)
     fixed = np.zeros(lattice.modulus.shape, bool)
     fixed[CHEST_WALL_INDEX] = lattice.tissue[CHEST_WALL_INDEX]
-    if muscle == "fixed":
+    if muscle_fixed:
         fixed |= lattice.muscle
-    edge = plate_edge_mm(settings, reach, muscle == "fixed")
+    edge = plate_edge_mm(settings, reach, muscle_fixed)
     plates, notes = place_plates(settings, lattice, edge, view.name, breast_volume_ml(breast))
     case = _Case(lattice, fixed, settings, seed, watch)
     if settings.force_n is not None:
