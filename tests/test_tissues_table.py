@@ -10,7 +10,9 @@ from mammosim.tissues import (
     LESION_LABELS,
     STIFFNESS_SETS,
     TISSUES,
+    density_g_cm3,
     load_label_map,
+    stiffening,
     stiffness_kpa,
 )
 
@@ -35,6 +37,20 @@ def test_every_tissue_has_a_stiffness_in_every_set(tissue, name):
 def test_stiffness_of_the_sets(tissue, thesis, victre):
     assert stiffness_kpa(tissue, "thesis") == thesis
     assert stiffness_kpa(tissue, "victre") == victre
+
+
+@pytest.mark.parametrize(
+    ("tissue", "growth"),
+    [("adipose", 7.5), ("gland", 10.0), ("mass", 20.0), ("skin", 20.0), ("vein", 10.0)],
+)
+def test_stiffening_of_the_thesis_listing(tissue, growth):
+    assert stiffening(tissue) == growth
+
+
+@pytest.mark.parametrize("tissue", [name for name in TISSUES if name != "air"])
+def test_every_tissue_stiffens_and_has_a_density(tissue):
+    assert 5.0 < stiffening(tissue) < 25.0
+    assert 0.9 < density_g_cm3(tissue) < 5.0
 
 
 def test_unknown_set():

@@ -7,8 +7,16 @@ from mammosim.tissues.materials import (
     MATERIAL_NAMES,
     Material,
     composition,
+    density_g_cm3,
 )
-from mammosim.tissues.table import LESION_LABELS, STIFFNESS_SETS, TISSUES, Tissue, stiffness_kpa
+from mammosim.tissues.table import (
+    LESION_LABELS,
+    STIFFNESS_SETS,
+    TISSUES,
+    Tissue,
+    poisson_ratio,
+    stiffness_kpa,
+)
 
 __all__ = [
     "CALCIFICATIONS",
@@ -22,6 +30,9 @@ __all__ = [
     "Material",
     "Tissue",
     "composition",
+    "density_g_cm3",
     "load_label_map",
+    "poisson_ratio",
+    "stiffening",
     "stiffness_kpa",
 ]

@@ -94,6 +94,23 @@ def composition(name_or_path: str, calcification: str) -> MappingProxyType[str, 
     return MappingProxyType({name: _material(name, blocks[name]) for name in MATERIAL_NAMES})
 
 
+def density_g_cm3(tissue: str) -> float:
+    """Density of a tissue, g/cm3: that of its material in the set ``hammerstein``.
+
+    Parameters
+    ----------
+    tissue : str
+        Name of a tissue other than air.
+
+    Examples
+    --------
+    >>> density_g_cm3("adipose")
+    0.93
+    """
+    material = TISSUES[tissue].material
+    return composition("hammerstein", CALCIFICATIONS[0])[str(material)].density_g_cm3
+
+
 def _set_blocks(name_or_path: str) -> dict[str, Any]:
     if name_or_path in _TABLE["sets"]:
         return dict(_TABLE["sets"][name_or_path])

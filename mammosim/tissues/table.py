@@ -27,6 +27,8 @@ class Tissue:
         Tissue whose modulus it takes in a stiffness set that does not name it.
     stiffness_kpa : mapping of str to float
         Young's modulus in each set that names it, kPa.
+    stiffening : float or None
+        Enl of E = Ec exp(Enl e) at strain e; None: that of the tissue it is `like`.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Tissue:
     stiffness_kpa: MappingProxyType[str, float] = field(
         default_factory=lambda: MappingProxyType({})
     )
+    stiffening: float | None = None
 
 
 def _load() -> dict[str, Any]:
@@ -54,6 +57,7 @@ TISSUES: MappingProxyType[str, Tissue] = MappingProxyType(
             block.get("material"),
             block.get("like"),
             MappingProxyType(block.get("stiffness_kpa", {})),
+            block.get("stiffening"),
         )
         for name, block in _TABLE["tissues"].items()
     }
@@ -64,6 +68,8 @@ STIFFNESS_SETS: tuple[str, ...] = tuple(
     sorted({name for tissue in TISSUES.values() for name in tissue.stiffness_kpa})
 )
 """Names of the stiffness sets."""
+
+_POISSON_RATIO: dict[str, float] = _TABLE["poisson_ratio"]
 
 LESION_LABELS: tuple[int, ...] = tuple(
     label for label in range(151, 256) if label not in {tissue.label for tissue in TISSUES.values()}
@@ -102,3 +108,26 @@ def stiffness_kpa(tissue: str, stiffness_set: str) -> float:
             raise InputError(f"tissue '{entry.name}' has no stiffness in set '{stiffness_set}'")
         entry = TISSUES[entry.like]
     return entry.stiffness_kpa[stiffness_set]
+
+
+def stiffening(tissue: str) -> float:
+    """How fast a tissue stiffens: Enl of E = Ec exp(Enl e) at strain e.
+
+    Parameters
+    ----------
+    tissue : str
+        Name of a tissue other than air.
+
+    Notes
+    -----
+    One value a tissue, from the listing of the thesis; a stiffness set chooses only Ec.
+
+    Examples
+    --------
+    >>> stiffening("duct")
+    10.0
+    """
+    entry = TISSUES[tissue]
+    while entry.stiffening is None:
+        entry = TISSUES[str(entry.like)]
+    return entry.stiffening
