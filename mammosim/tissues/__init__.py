@@ -15,6 +15,7 @@ from mammosim.tissues.table import (
     TISSUES,
     Tissue,
     poisson_ratio,
+    stiffening,
     stiffness_kpa,
 )
 

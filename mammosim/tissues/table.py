@@ -131,3 +131,19 @@ def stiffening(tissue: str) -> float:
     while entry.stiffening is None:
         entry = TISSUES[str(entry.like)]
     return entry.stiffening
+
+
+def poisson_ratio(stiffness_set: str) -> float:
+    """Poisson's ratio of every tissue in a stiffness set.
+
+    Parameters
+    ----------
+    stiffness_set : str
+        One of `STIFFNESS_SETS`.
+
+    Examples
+    --------
+    >>> poisson_ratio("victre")
+    0.49
+    """
+    return _POISSON_RATIO[stiffness_set]
