@@ -8,9 +8,15 @@ from make_phantom import half_ellipsoid_breast
 
 import mammosim
 from mammosim.compression import compress
-from mammosim.compression.lattice import breast_volume_ml, build_lattice, tissue_front
+from mammosim.compression.lattice import (
+    breast_volume_ml,
+    build_lattice,
+    tissue_front,
+    tissue_mean,
+)
 from mammosim.compression.plates import population_thickness_mm
 from mammosim.geometry import View
+from mammosim.tissues import stiffness_kpa
 
 
 @pytest.fixture(scope="module")
@@ -186,6 +192,15 @@ def test_lattice_has_the_moduli_and_the_volume_of_the_phantom(breast):
     assert moduli.min() == pytest.approx(4.5)
     assert moduli.max() == pytest.approx(16.0, abs=1.0)
     assert lattice.frame.origin_mm[0] == pytest.approx(tissue_front(breast).chest_wall_mm - 1.0)
+
+
+def test_a_property_of_the_tissues_is_averaged_as_the_modulus_is(breast):
+    view = View("MLO", "L")
+    lattice = build_lattice(breast, view, 2.0, "thesis")
+    again = tissue_mean(breast, view, lattice, lambda tissue: stiffness_kpa(tissue, "thesis"))
+    np.testing.assert_array_equal(again, lattice.modulus)
+    ones = tissue_mean(breast, view, lattice, lambda tissue: 1.0)
+    np.testing.assert_array_equal(ones, lattice.tissue)
 
 
 def test_rotated_lattice_holds_the_same_breast(breast):

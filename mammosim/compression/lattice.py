@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,18 +129,44 @@ def gather_tissue(
     muscle : ndarray of float32
         Part of that tissue that is muscle.
     """
-    fraction, modulus, muscle = (np.zeros(frame.shape, np.float32) for _ in range(3))
+    return _gather(breast, view, frame, lambda tissue: stiffness_kpa(tissue, stiffness_set))
+
+
+def tissue_mean(
+    breast: BreastPhantom, view: View, lattice: Lattice, value_of: Callable[[str], float]
+) -> NDArray[np.float32]:
+    """Mean of a positive property over the tissue in each node's block, [x, y, z]; 0 in air.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    view : View
+    lattice : Lattice
+        Of this breast and view.
+    value_of : callable
+        The property of a tissue, by its name.
+    """
+    _, mean, _ = _gather(breast, view, lattice.frame, value_of)
+    mean[~lattice.tissue] = 0.0
+    return mean
+
+
+def _gather(
+    breast: BreastPhantom, view: View, frame: VoxelFrame, value_of: Callable[[str], float]
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Tissue fraction, mean property and muscle's part of the blocks around a frame's points."""
+    fraction, mean, muscle = (np.zeros(frame.shape, np.float32) for _ in range(3))
     fineness = float(frame.spacing_mm[0]) / breast.voxel_mm.min()
     samples = int(np.clip(np.ceil(fineness - 1e-6), 2, MOST_SAMPLES))
-    moduli = np.zeros(256, np.float32)
+    values = np.zeros(256, np.float32)
     for label, name in breast.tissue_of_label.items():
         if name != "air":
-            moduli[label] = stiffness_kpa(name, stiffness_set)
+            values[label] = value_of(name)
     gather_blocks(
-        breast.labels, moduli, _table(breast, "muscle"), _to_voxel(breast, view, frame), samples,
-        fraction, modulus, muscle,
+        breast.labels, values, _table(breast, "muscle"), _to_voxel(breast, view, frame), samples,
+        fraction, mean, muscle,
     )  # fmt: skip
-    return fraction, modulus, muscle
+    return fraction, mean, muscle
 
 
 def breast_volume_ml(breast: BreastPhantom) -> float:
