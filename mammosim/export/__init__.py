@@ -1,6 +1,7 @@
 """The files of a run: DICOM objects, TIFF and PNG pictures, volumes and tables."""
 
 from mammosim.export.atomic import whole_file, write_json, write_text
+from mammosim.export.convert import Conversion, convert_volume
 from mammosim.export.dicom import write_dicom
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask, label_image, lesion_masks
@@ -20,14 +21,19 @@ from mammosim.export.tables import (
     write_convergence,
     write_lesions,
 )
+from mammosim.export.victre import write_victre
 from mammosim.export.view import write_compressed, write_images
 from mammosim.export.volumes import write_displacement, write_labels
+from mammosim.export.voxel_files import WRITERS
 
 __all__ = [
+    "WRITERS",
+    "Conversion",
     "ExportSettings",
     "LesionMask",
     "StudyIdentity",
     "compression_summary",
+    "convert_volume",
     "label_image",
     "lesion_masks",
     "whole_file",
@@ -48,4 +54,5 @@ __all__ = [
     "write_preview",
     "write_segmentation",
     "write_text",
+    "write_victre",
 ]

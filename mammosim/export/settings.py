@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import field_validator
 
@@ -24,6 +24,9 @@ class ExportSettings(Settings):
 
     volumes: bool = True
     """Write the compressed labels and the displacement field as NIfTI volumes."""
+
+    compressed_formats: tuple[Literal["nrrd", "mha", "victre"], ...] = ()
+    """Further files of the compressed labels: NRRD, MHA, VICTRE's for MC-GPU with its plates."""
 
     matlab: bool = False
     """Write the compressed lattice, its tissue, measures and convergence as one MATLAB file."""

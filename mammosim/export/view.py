@@ -25,6 +25,7 @@ from mammosim.export.pictures import (
 from mammosim.export.segmentation import write_segmentation
 from mammosim.export.settings import ExportSettings
 from mammosim.export.tables import write_compression, write_convergence
+from mammosim.export.victre import write_victre
 from mammosim.export.volumes import write_displacement, write_labels
 from mammosim.geometry import VoxelFrame
 from mammosim.projection import PathLengths
@@ -37,6 +38,7 @@ def write_compressed(
     settings: ExportSettings,
     labels: NDArray[np.uint8] | None = None,
     labels_frame: VoxelFrame | None = None,
+    seed: int = 1,
 ) -> None:
     """Write what is known of a view after compression.
 
@@ -49,9 +51,11 @@ def write_compressed(
     settings : ExportSettings
     labels : ndarray of uint8, [x, y, z], optional
         Labels of the compressed breast, axes of the compression frame; without them there is no
-        ``compressed.nii.gz``.
+        ``compressed.nii.gz`` nor any other file of them.
     labels_frame : VoxelFrame, optional
         Where those voxels are, compression frame, mm.
+    seed : int
+        The run's, by which VICTRE names its files.
 
     Raises
     ------
@@ -63,11 +67,17 @@ def write_compressed(
     write_convergence(squeezed.history, folder / "convergence.csv")
     if settings.matlab:
         write_matlab(squeezed, folder / "springs.mat")
-    if not settings.volumes:
+    if settings.volumes:
+        write_displacement(squeezed.field, folder / "displacement.nii.gz")
+    if labels is None or labels_frame is None:
         return
-    write_displacement(squeezed.field, folder / "displacement.nii.gz")
-    if labels is not None and labels_frame is not None:
-        write_labels(labels, labels_frame, squeezed.view.rotation, folder / "compressed.nii.gz")
+    formats = [*(["nii.gz"] if settings.volumes else []), *settings.compressed_formats]
+    for ending in dict.fromkeys(formats):
+        if ending == "victre":
+            write_victre(squeezed, labels, labels_frame, folder / "victre", seed)
+        else:
+            path = folder / f"compressed.{ending}"
+            write_labels(labels, labels_frame, squeezed.view.rotation, path)
 
 
 def write_images(

@@ -1,4 +1,4 @@
-"""NIfTI volumes in patient space: the compressed labels and the displacement field.
+"""Volumes in patient space by ITK: labels, and the displacement field.
 
 The breast frame has +x anterior, +y left, +z superior. ITK, and so this module, speaks LPS: left,
 posterior, superior = (y, -x, z). The compression frame's turn about x goes into the direction
@@ -12,6 +12,7 @@ import shutil
 import zlib
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import SimpleITK as sitk
@@ -30,23 +31,23 @@ _BYTES_AT_ONCE = 1 << 24
 
 
 def write_labels(
-    labels: NDArray[np.uint8],
+    labels: NDArray[np.integer[Any]],
     frame: VoxelFrame,
     rotation: NDArray[np.float64],
     path: str | PathLike[str],
 ) -> None:
-    """Write labels of the compressed breast.
+    """Write labels of the compressed breast, or with the identity those of any volume.
 
     Parameters
     ----------
-    labels : ndarray of uint8, [x, y, z]
+    labels : ndarray of whole numbers, [x, y, z]
         Axes of the compression frame.
     frame : VoxelFrame
         Where their voxels are, compression frame, mm.
     rotation : ndarray, (3, 3)
         Breast frame to compression frame (`View.rotation`).
     path : path
-        Ends in ``.nii.gz``.
+        Ends in ``.nii.gz``, ``.nii``, ``.nrrd`` or ``.mha``, which says the format.
 
     Raises
     ------
@@ -101,14 +102,16 @@ def _write(image: sitk.Image, path: str | PathLike[str], data_bytes: int) -> Non
             sitk.WriteImage(image, str(part), useCompression=True)
         except RuntimeError as error:
             raise OSError(str(error).strip().splitlines()[-1]) from error
-        # ITK does not notice a full disk.
-        if _unpacked_bytes(part) < data_bytes:
+        # Of its formats, ITK does not notice a full disk where it writes NIfTI.
+        if ".nii" in part.suffixes and _nifti_bytes(part) < data_bytes:
             free_mb = shutil.disk_usage(part.parent).free // 1_000_000
             raise OSError(f"written incompletely; {free_mb} MB free on the disk")
 
 
-def _unpacked_bytes(path: Path) -> int:
-    """Size of what a gzip file holds; 0 where it breaks off."""
+def _nifti_bytes(path: Path) -> int:
+    """Size of a NIfTI file's content; 0 where it is zipped and breaks off."""
+    if path.suffix != ".gz":
+        return path.stat().st_size
     size = 0
     try:
         with gzip.open(path) as stream:

@@ -21,6 +21,7 @@ from mammosim.export import (
     write_lesions,
     write_text,
 )
+from mammosim.phantom.readers import open_voxels
 from mammosim.pipeline.run_config import PATH_KEYS, RunConfig
 from mammosim.projection import PathLengths, compressed_labels
 from mammosim.report import (
@@ -66,8 +67,10 @@ class RunFolder:
     def write_compression(self, squeezed: CompressedBreast) -> None:
         """Write a view's compressed labels, displacement, history and measures."""
         settings = self._config.export
-        labels = compressed_labels(squeezed) if settings.volumes else (None, None)
-        write_compressed(self.path / squeezed.view.folder, squeezed, settings, *labels)
+        wanted = settings.volumes or settings.compressed_formats
+        labels, frame = compressed_labels(squeezed) if wanted else (None, None)
+        folder = self.path / squeezed.view.folder
+        write_compressed(folder, squeezed, settings, labels, frame, self._config.seed)
 
     def write_images(
         self, paths: PathLengths, mammogram: Mammogram, targets: Sequence[Target]
@@ -110,8 +113,12 @@ class RunFolder:
 
 
 def _inputs(config: RunConfig) -> list[str]:
-    """Hashes of the files that a configuration names."""
-    return [file_hash(value) for _, value in _paths(config) if Path(value).is_file()]
+    """Hashes of the files that a configuration names, and of those that they consist of."""
+    named = [Path(value) for (_, key), value in _paths(config) if key != "file"]
+    files = [path for path in named if path.is_file()]
+    if config.phantom.file is not None:
+        files += open_voxels(config.phantom.file).files
+    return [file_hash(path) for path in files]
 
 
 def _without_paths(config: RunConfig) -> dict[str, Any]:
