@@ -184,10 +184,13 @@ def _print_summary(study: Study, folder: Path) -> None:
     out.print(table)
     for name, view in study.views.items():
         if view.mammogram is not None:
+            taken = view.series or view.mammogram  # load and dose of all projections together
+            count = f"{len(view.series.gantries)} projections, " if view.series else ""
             out.print(
-                f"{name}: {view.squeezed.thickness_mm:.1f} mm, {view.squeezed.force_n:.1f} N, "
+                f"{name}: {count}{view.squeezed.thickness_mm:.1f} mm, "
+                f"{view.squeezed.force_n:.1f} N, "
                 f"{view.mammogram.kvp:g} kV {view.mammogram.target}/{view.mammogram.filter}, "
-                f"{view.mammogram.mas:.0f} mAs, {view.mammogram.dose_mgy:.2f} mGy",
+                f"{taken.mas:.0f} mAs, {taken.dose_mgy:.2f} mGy",
                 highlight=False,
             )
     out.print(f"results in {folder}; open {folder / 'report.html'}", highlight=False)
@@ -203,9 +206,11 @@ def check(
 ) -> None:
     """Validate a configuration and print the plan, without computing anything."""
     with _exit_status():
-        from mammosim.pipeline import load_config, make_plan
+        from mammosim.pipeline import check_before, load_config, make_plan
 
-        plan = make_plan(load_config(config, change or ()))
+        settings = load_config(config, change or ())
+        plan = make_plan(settings)
+        check_before(settings)
         for line in plan.lines:
             out.print(_plain(line), highlight=False)
         out.print(

@@ -41,10 +41,12 @@ def test_load_and_dose_are_split_evenly(series):
     assert series.middle.dose_mgy == pytest.approx(picture.dose_mgy / 5, rel=1e-9)
 
 
-def test_exposure_control_gives_the_load_of_one_picture():
+def test_exposure_control_gives_the_load_and_dose_of_a_mammogram():
     arc = sweep(3)
-    one = expose(arc.paths(1), grid=False, noise=False)
-    assert expose_arc(arc, noise=False).mas == pytest.approx(one.mas, rel=1e-9)
+    one = expose(arc.paths(1), noise=False)
+    series = expose_arc(arc, noise=False)
+    assert series.mas == pytest.approx(one.mas, rel=1e-9)
+    assert series.dose_mgy == pytest.approx(one.dose_mgy, rel=1e-9)
 
 
 def test_the_middle_projection_is_the_upright_one(series):

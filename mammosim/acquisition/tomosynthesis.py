@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,7 @@ from mammosim.acquisition.recording import arrive, record
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.config import to_settings
 from mammosim.geometry import Gantry
-from mammosim.projection import Arc
+from mammosim.projection import Arc, PathLengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,13 @@ class Tomosynthesis:
         return self.middle.notes
 
 
-def expose_arc(arc: Arc, *, seed: int = 1, **keys: Any) -> Tomosynthesis:
+def expose_arc(
+    arc: Arc,
+    *,
+    seed: int = 1,
+    watch: Callable[[int, PathLengths], None] | None = None,
+    **keys: Any,
+) -> Tomosynthesis:
     """Expose a compressed breast once from each tube position of an arc.
 
     Parameters
@@ -64,10 +71,14 @@ def expose_arc(arc: Arc, *, seed: int = 1, **keys: Any) -> Tomosynthesis:
         From `project_arc`; each projection is traced when its turn comes.
     seed : int
         Seed of the noise, which is another one in each projection.
+    watch : callable, optional
+        Given each projection's index and path lengths when they have been traced: the middle one
+        first, then in their order.
     **keys
         Any key of `AcquisitionSettings`. `mas` is the load of all projections together; without
-        it, exposure control finds the load that one upright picture would need. There is no grid
-        unless asked for: its lines would cut off oblique rays.
+        it, exposure control finds the load that a mammogram with grid would need, so that the
+        dose is a mammogram's. There is no grid unless asked for: its lines would cut off oblique
+        rays.
 
     Returns
     -------
@@ -89,8 +100,14 @@ def expose_arc(arc: Arc, *, seed: int = 1, **keys: Any) -> Tomosynthesis:
     settings = to_settings(
         AcquisitionSettings, {"grid": False, **keys}, "expose_arc()", ("acquisition",)
     )
+    watch = watch or (lambda index, paths: None)
     count, middle = len(arc), arc.middle
-    arrival = arrive(arc.paths(middle), settings)
+    paths = arc.paths(middle)
+    watch(middle, paths)
+    if settings.mas is None:
+        pictured = settings.model_copy(update={"grid": True})
+        settings = settings.model_copy(update={"mas": arrive(paths, pictured).controlled_mas()})
+    arrival = arrive(paths, settings)
     mas = arrival.controlled_mas() / count
     pixel_mm2 = arrival.paths.pixel_mm**2
     # A turned tube is nearer to the detector's plane, and air brighter by the square of that.
@@ -104,12 +121,12 @@ def expose_arc(arc: Arc, *, seed: int = 1, **keys: Any) -> Tomosynthesis:
     signal, exposure = record(arrival, mas, _noise_of(seed, middle))
     shown = mammogram_of(arrival, exposure, signal, gain)
     stack[middle] = shown.for_processing
-    del arrival, signal
-    for index in range(count):
-        if index != middle:
-            turned = arrive(arc.paths(index), settings)
-            signal, _ = record(turned, mas, _noise_of(seed, index))
-            stack[index] = to_counts(signal, gain)
+    del arrival, signal, paths
+    for index in (*range(middle), *range(middle + 1, count)):
+        turned = arc.paths(index)
+        watch(index, turned)
+        signal, _ = record(arrive(turned, settings), mas, _noise_of(seed, index))
+        stack[index] = to_counts(signal, gain)
     return Tomosynthesis(
         stack, arc.gantries, shown, mas * count, shown.air_kerma_mgy * count,
         shown.dose_mgy * count, gain,

@@ -46,8 +46,21 @@ def to_settings(
         text = json.dumps(values, default=_as_plain, allow_nan=True)
         return kind.model_validate_json(text, strict=True)
     except ValidationError as error:
-        problems = [_sentence(kind, item, where, prefix) for item in error.errors()]
+        items = error.errors()
+        problems = [
+            _sentence(kind, item, where, prefix)
+            for item in items
+            if not _is_short_of_faulty_ones(item, items)
+        ]
         raise InputError(dict.fromkeys(problems)) from None
+
+
+def _is_short_of_faulty_ones(item: Any, items: list[Any]) -> bool:
+    """Pydantic calls a list too short whose entries are faulty: those are told already."""
+    depth = len(item["loc"])
+    return item["type"] == "too_short" and any(
+        len(other["loc"]) > depth and other["loc"][:depth] == item["loc"] for other in items
+    )
 
 
 def _as_plain(value: Any) -> Any:

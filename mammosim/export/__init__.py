@@ -12,8 +12,10 @@ from mammosim.export.pictures import (
     write_mammogram_tiff,
     write_path_lengths,
     write_preview,
+    write_stack_tiff,
 )
 from mammosim.export.segmentation import write_segmentation
+from mammosim.export.series import series_geometry, write_series
 from mammosim.export.settings import ExportSettings
 from mammosim.export.tables import (
     compression_summary,
@@ -36,6 +38,7 @@ __all__ = [
     "convert_volume",
     "label_image",
     "lesion_masks",
+    "series_geometry",
     "whole_file",
     "write_compressed",
     "write_compression",
@@ -53,6 +56,8 @@ __all__ = [
     "write_path_lengths",
     "write_preview",
     "write_segmentation",
+    "write_series",
+    "write_stack_tiff",
     "write_text",
     "write_victre",
 ]

@@ -18,6 +18,7 @@ from mammosim.projection import PathLengths
 
 _MM_PER_CM = 10.0
 _MM_PER_INCH = 25.4
+_LARGEST_TIFF = 4_000_000_000  # offsets of the classic format have 32 bits
 _PREVIEW_PIXELS = 4_000_000  # a preview of more is halved: it should open at once everywhere
 
 GLANDULAR_MATERIALS = ("gland",)
@@ -35,6 +36,29 @@ def write_lesion_tiff(
     """Write the lesions as a label image whose pixel value is the target id."""
     image = label_image(masks, (mammogram.gantry.rows, mammogram.gantry.columns))
     _write_tiff(path, image, mammogram.gantry.pixel_mm, compression="zlib")
+
+
+def write_stack_tiff(
+    pages: Sequence[NDArray[np.generic]] | NDArray[np.generic],
+    pixel_mm: float,
+    path: str | PathLike[str],
+    compression: str | None = None,
+) -> None:
+    """Write pictures of one size as the pages of one file, in their order."""
+    per_cm = _MM_PER_CM / pixel_mm
+    size = len(pages) * pages[0].nbytes
+    with whole_file(path) as part, tifffile.TiffWriter(part, bigtiff=size > _LARGEST_TIFF) as file:
+        for page in pages:
+            file.write(
+                page,
+                photometric="minisblack",
+                compression=compression,
+                resolution=(per_cm, per_cm),
+                resolutionunit="CENTIMETER",
+                software="mammosim",
+                metadata=None,
+                contiguous=False,
+            )
 
 
 def write_glandular_tiff(paths: PathLengths, path: str | PathLike[str]) -> None:

@@ -1,5 +1,6 @@
 """A whole run: the configuration's sections in order, and the calls in order."""
 
+from mammosim.pipeline.beforehand import check_before
 from mammosim.pipeline.plan import Plan, make_plan
 from mammosim.pipeline.run import Study, ViewResult, simulate
 from mammosim.pipeline.run_config import RunConfig, ViewSettings, load_config
@@ -12,6 +13,7 @@ __all__ = [
     "Study",
     "ViewResult",
     "ViewSettings",
+    "check_before",
     "load_config",
     "make_plan",
     "simulate",

@@ -19,6 +19,9 @@ BYTES_A_NODE = 150.0
 BYTES_A_PIXEL = 130.0
 """Path lengths of about eight tissues, twice in single precision, and the exposure's images."""
 
+BYTES_A_PROJECTED_PIXEL = 3.0
+"""Of a series of projections: 16 bits, and one byte of the lesions' mask."""
+
 BASE_BYTES = 4.5e8
 """The interpreter with its libraries and compiled code."""
 
@@ -56,9 +59,14 @@ def make_plan(config: RunConfig) -> Plan:
             seconds += nodes * SECONDS_A_NODE[compression.solver]
         height, width = projection.detector_mm or (240.0, 180.0)
         pixels = height * width / projection.pixel_mm**2
-        seconds += pixels * SECONDS_A_PIXEL
-        largest = max(largest, nodes * BYTES_A_NODE + pixels * BYTES_A_PIXEL)
-        lines.append(_view_line(view.view, compression, projection.pixel_mm, nodes, pixels))
+        count = view.dbt.projections if view.dbt else 1
+        seconds += pixels * SECONDS_A_PIXEL * count
+        stack = pixels * count * BYTES_A_PROJECTED_PIXEL if view.dbt else 0.0
+        largest = max(largest, nodes * BYTES_A_NODE + pixels * BYTES_A_PIXEL + stack)
+        line = _view_line(view.label, compression, projection.pixel_mm, nodes, pixels)
+        if view.dbt:
+            line += f", from {count} tube positions over {view.dbt.angle_range_deg:g} degrees"
+        lines.append(line)
     memory = BASE_BYTES + voxels * BYTES_A_VOXEL + largest * len(config.views)
     return Plan(tuple(lines), memory / 1e9, seconds / 60.0)
 

@@ -11,14 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from mammosim.acquisition import Mammogram, expose
+from mammosim.acquisition import Mammogram, Tomosynthesis, expose, expose_arc
 from mammosim.compression import CompressedBreast, compress
 from mammosim.errors import Interrupted, NotConverged
+from mammosim.export import label_image, lesion_masks
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, make_phantom
+from mammosim.pipeline.beforehand import check_detectors, check_settings
 from mammosim.pipeline.run_config import RunConfig, ViewSettings
 from mammosim.pipeline.save import RunFolder
-from mammosim.projection import PathLengths, project
+from mammosim.projection import PathLengths, project, project_arc
 from mammosim.targets import Target, find_targets
 
 Tell = Callable[[str, str, np.void | None], None]
@@ -27,12 +29,16 @@ Tell = Callable[[str, str, np.void | None], None]
 
 @dataclass(frozen=True, eq=False)
 class ViewResult:
-    """One view as far as it came; what was not reached is None."""
+    """One view as far as it came; what was not reached is None.
+
+    Of a series of projections, `paths`, `mammogram` and `targets` are those of the middle one.
+    """
 
     squeezed: CompressedBreast
     paths: PathLengths | None = None
     mammogram: Mammogram | None = None
     targets: tuple[Target, ...] = ()
+    series: Tomosynthesis | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +50,7 @@ class Study:
     breast : BreastPhantom
         The uncompressed breast.
     views : dict of str to ViewResult
-        By laterality and view, as `LCC`.
+        By laterality and view, as `LCC`; a series of projections as `LCC_DBT`.
     targets : tuple of Target
         One a target and view, the rows of `lesions.csv`.
     stage_seconds : dict of str to float
@@ -86,8 +92,10 @@ def simulate(config: RunConfig, output: RunFolder | None = None, tell: Tell | No
     """
     tell = tell or (lambda view, stage, row: None)
     seconds: dict[str, float] = {}
+    check_settings(config)
     with _timed(seconds, "", "phantom", tell):
         breast = make_phantom(config.phantom, config.laterality, config.seed)
+    check_detectors(config, breast)
     study = Study(breast, stage_seconds=seconds)
     unfinished: list[NotConverged] = []
     try:
@@ -113,7 +121,8 @@ def _make_view(
     """Compress, project, expose and write one view."""
     breast, seconds = study.breast, study.stage_seconds
     compression = config.section_for(wanted, "compression")
-    view = View(wanted.view, breast.laterality, compression.mlo_angle_deg)
+    series = wanted.dbt is not None
+    view = View(wanted.view, breast.laterality, compression.mlo_angle_deg, series)
     name = view.folder
     try:
         with _timed(seconds, name, "compression", tell):
@@ -128,6 +137,20 @@ def _make_view(
         _keep_compression(study, stop.reached, output, tell)
         raise
     _keep_compression(study, squeezed, output, tell)
+    take = _take_series if series else _take_picture
+    take(study, config, wanted, squeezed, output, tell)
+
+
+def _take_picture(
+    study: Study,
+    config: RunConfig,
+    wanted: ViewSettings,
+    squeezed: CompressedBreast,
+    output: RunFolder | None,
+    tell: Tell,
+) -> None:
+    """Project, expose and write one picture."""
+    name, seconds = squeezed.view.folder, study.stage_seconds
     with _timed(seconds, name, "projection", tell):
         paths = project(squeezed, **_given(config.section_for(wanted, "projection")))
     with _timed(seconds, name, "acquisition", tell):
@@ -139,6 +162,39 @@ def _make_view(
     if output is not None:
         with _timed(seconds, name, "export", tell):
             output.write_images(paths, mammogram, targets)
+
+
+def _take_series(
+    study: Study,
+    config: RunConfig,
+    wanted: ViewSettings,
+    squeezed: CompressedBreast,
+    output: RunFolder | None,
+    tell: Tell,
+) -> None:
+    """Project, expose and write a series of projections, one after the other."""
+    name, seconds = squeezed.view.folder, study.stage_seconds
+    middle: list[PathLengths] = []
+    targets: list[Target] = []
+    lesions: dict[int, Any] = {}
+
+    def note(index: int, paths: PathLengths) -> None:
+        if not middle:  # it comes first
+            middle.append(paths)
+            targets.extend(find_targets(squeezed, paths))
+        if any(paths.lesion_labels):
+            masks = lesion_masks(paths, targets)
+            lesions[index] = label_image(masks, (paths.gantry.rows, paths.gantry.columns))
+
+    with _timed(seconds, name, "projections", tell):
+        sweep = wanted.dbt.model_dump() if wanted.dbt else {}
+        arc = project_arc(squeezed, sweep, **_given(config.section_for(wanted, "projection")))
+        acquisition = _given(config.section_for(wanted, "acquisition"))
+        series = expose_arc(arc, seed=_seed_of(config.seed, name), watch=note, **acquisition)
+    study.views[name] = ViewResult(squeezed, middle[0], series.middle, tuple(targets), series)
+    if output is not None:
+        with _timed(seconds, name, "export", tell):
+            output.write_series(series, middle[0], [lesions[k] for k in sorted(lesions)])
 
 
 def _keep_compression(
@@ -159,9 +215,11 @@ def _finish(
         return
     with _timed(study.stage_seconds, "", "report", tell):
         views = [(view.squeezed, view.mammogram) for view in study.views.values()]
+        series = {name: view.series for name, view in study.views.items() if view.series}
         output.write_summary(
-            views, study.targets, study.breast.notes, study.stage_seconds, status, config.report
-        )
+            views, study.targets, study.breast.notes, study.stage_seconds, status, config.report,
+            series,
+        )  # fmt: skip
 
 
 @contextmanager

@@ -14,9 +14,9 @@ from mammosim.compression import CompressionSettings
 from mammosim.config import Settings, parse_value, read_yaml, to_settings
 from mammosim.errors import InputError
 from mammosim.export import ExportSettings
-from mammosim.geometry import VIEW_NAMES
+from mammosim.geometry import VIEW_NAMES, View
 from mammosim.phantom import PhantomSettings
-from mammosim.projection import ProjectionSettings
+from mammosim.projection import ProjectionSettings, TomosynthesisSettings
 from mammosim.report import ReportSettings
 from mammosim.targets import TargetsSettings
 
@@ -27,7 +27,7 @@ VIEW_SECTIONS: dict[str, type[Settings]] = {
 }
 """Sections of which a view may have its own values."""
 
-PLATE_KEYS = {"thickness_mm", "force_n", "support_z_mm", "paddle_z_mm"}
+PLATE_KEYS = {"thickness_mm", "force_n", "support_z_mm", "paddle_z_mm", "plates_voxel"}
 """Ways to say how far a breast is compressed; a view's own replaces the section's."""
 
 PATH_KEYS = (
@@ -54,6 +54,9 @@ class ViewSettings(Settings):
     view: Literal["CC", "MLO", "ML"]
     """Name of the view."""
 
+    dbt: TomosynthesisSettings | None = None
+    """Takes the view as a series of projections for tomosynthesis: how the tube moves."""
+
     compression: dict[str, Any] = Field(default_factory=dict)
     """Keys of `compression` for this view alone; they may also stand beside `view`."""
 
@@ -70,13 +73,39 @@ class ViewSettings(Settings):
             return {"view": value}
         if not isinstance(value, dict):
             return value
-        entry = dict(value)
+        entry = _with_its_series(dict(value))
         for section, kind in VIEW_SECTIONS.items():
             own = {key: entry.pop(key) for key in list(entry) if key in kind.model_fields}
             given = entry.get(section, {})
             if own and isinstance(given, dict):
                 entry[section] = {**given, **own}
+        if entry.get("dbt") is not None and isinstance(entry.get("acquisition", {}), dict):
+            # Its lines would cut off oblique rays: no grid unless the view itself asks for one.
+            entry["acquisition"] = {"grid": False, **entry.get("acquisition", {})}
         return entry
+
+    @model_validator(mode="after")
+    def _one_name(self) -> Self:
+        if self.dbt is not None and self.dbt.view != self.view:
+            raise ValueError(f"dbt.view: found {self.dbt.view}, expected {self.view} as in view")
+        return self
+
+    @property
+    def label(self) -> str:
+        """What the run calls the view, as `CC` or `CC_DBT`."""
+        return View(self.view, "L", tomosynthesis=self.dbt is not None).label
+
+
+def _with_its_series(entry: dict[str, Any]) -> dict[str, Any]:
+    """A view whose name stands in `dbt` alone, or in both."""
+    series = entry.get("dbt")
+    if isinstance(series, str):
+        series = {"view": series}
+    if isinstance(series, dict):
+        name = series.get("view", entry.get("view"))
+        if name is not None:
+            entry = {"view": name, **entry, "dbt": {"view": name, **series}}
+    return entry
 
 
 class RunConfig(Settings):
@@ -118,7 +147,7 @@ class RunConfig(Settings):
     @field_validator("views")
     @classmethod
     def _each_view_once(cls, views: tuple[ViewSettings, ...]) -> tuple[ViewSettings, ...]:
-        names = [view.view for view in views]
+        names = [view.label for view in views]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f"{', '.join(twice)} is listed twice; each view may be listed once")

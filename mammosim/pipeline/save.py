@@ -8,17 +8,22 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mammosim.acquisition import Mammogram
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.acquisition import Mammogram, Tomosynthesis
 from mammosim.compression import CompressedBreast
 from mammosim.config import write_yaml
 from mammosim.errors import InputError
 from mammosim.export import (
     StudyIdentity,
+    series_geometry,
     whole_file,
     write_compressed,
     write_images,
     write_json,
     write_lesions,
+    write_series,
     write_text,
 )
 from mammosim.phantom.readers import open_voxels
@@ -79,6 +84,16 @@ class RunFolder:
         folder = self.path / mammogram.gantry.view.folder
         write_images(folder, paths, mammogram, targets, self._config.export, self._identity)
 
+    def write_series(
+        self,
+        series: Tomosynthesis,
+        middle: PathLengths,
+        lesion_images: Sequence[NDArray[np.unsignedinteger]],
+    ) -> None:
+        """Write a view's projections and masks."""
+        folder = self.path / series.middle.gantry.view.folder
+        write_series(folder, series, middle, lesion_images, self._config.export)
+
     def write_summary(
         self,
         views: Sequence[tuple[CompressedBreast, Mammogram | None]],
@@ -87,6 +102,7 @@ class RunFolder:
         stage_seconds: Mapping[str, float],
         status: Status,
         report: ReportSettings,
+        series: Mapping[str, Tomosynthesis],
     ) -> None:
         """Write the lesion table, the run's record and the page."""
         write_lesions(targets, self.path / "lesions.csv")
@@ -104,6 +120,9 @@ class RunFolder:
             warnings=warnings,
             run_hash=self._hash,
         )
+        if series:
+            geometry = {name: series_geometry(taken) for name, taken in series.items()}
+            record["tomosynthesis"] = geometry
         if report.html:
             page = render_report(
                 [ReportedView(*view) for view in views], targets, record, report, self._title

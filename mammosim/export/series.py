@@ -1,0 +1,115 @@
+"""A series of projections: a stack with its geometry, and where each lesion is on every one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.acquisition import Tomosynthesis
+from mammosim.export.pictures import (
+    write_glandular_tiff,
+    write_path_lengths,
+    write_preview,
+    write_stack_tiff,
+)
+from mammosim.export.settings import ExportSettings
+from mammosim.projection import PathLengths
+
+PROJECTIONS = "projections.tif"
+
+
+def write_series(
+    folder: str | PathLike[str],
+    series: Tomosynthesis,
+    middle: PathLengths,
+    lesion_images: Sequence[NDArray[np.unsignedinteger]],
+    settings: ExportSettings,
+) -> None:
+    """Write the pictures of a view taken as a series of projections.
+
+    Parameters
+    ----------
+    folder : path
+        The view's folder, as ``run/LCC_DBT``.
+    series : Tomosynthesis
+    middle : PathLengths
+        Of the middle projection, for the files that are written on request.
+    lesion_images : sequence of ndarray of uint8 or uint16, [row, column]
+        Label image of each projection (see `label_image`); empty for none.
+    settings : ExportSettings
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    folder = Path(folder)
+    pixel_mm = series.middle.gantry.pixel_mm
+    if settings.tiff:
+        write_stack_tiff(series.projections, pixel_mm, folder / PROJECTIONS)
+        if lesion_images:
+            write_stack_tiff(lesion_images, pixel_mm, folder / "lesion_mask.tif", "zlib")
+    if settings.png:
+        write_preview(series.middle, folder / "preview.png")
+    if settings.path_lengths:
+        write_path_lengths(middle, folder / "path_lengths.npz")
+    if settings.glandular_thickness:
+        write_glandular_tiff(middle, folder / "glandular_thickness.tif")
+
+
+def series_geometry(series: Tomosynthesis) -> dict[str, Any]:
+    """Where tube and pixels were, in plain values for run.json.
+
+    Parameters
+    ----------
+    series : Tomosynthesis
+
+    Returns
+    -------
+    dict
+        Lengths in mm in the gantry frame: x from the detector's chest-wall edge, y along it, z up
+        from the breast support. The centre of pixel [row, column] is at
+        ``first_pixel_mm + row * row_step_mm + column * column_step_mm`` in every projection.
+    """
+    gantry = series.middle.gantry
+    z = -gantry.support_to_detector_mm
+    first, down, right = (
+        np.append(gantry.detector_xy_mm(row, column), z) for row, column in ((0, 0), (1, 0), (0, 1))
+    )
+    share = series.mas / len(series.gantries)
+    return {
+        "frame": "gantry: x from the detector's edge, y along it, z above the support; mm",
+        "pages": PROJECTIONS,
+        "detector": "stationary",
+        "rows": gantry.rows,
+        "columns": gantry.columns,
+        "first_pixel_mm": _rounded(first),
+        "row_step_mm": _rounded(down - first),
+        "column_step_mm": _rounded(right - first),
+        "source_to_detector_mm": gantry.source_to_detector_mm,
+        "pivot_mm": _rounded([0.0, gantry.focal_spot_y_mm, gantry.pivot_to_detector_mm + z]),
+        "pivot_axis": [1.0, 0.0, 0.0],
+        "thickness_mm": series.middle.thickness_mm,
+        "counts_per_kev": series.counts_per_kev,
+        "mas": series.mas,
+        "dose_mgy": series.dose_mgy,
+        "projections": [
+            {
+                "page": page,
+                "angle_deg": round(turned.tube_angle_deg, 9),
+                "focal_spot_mm": _rounded(turned.focal_spot_mm),
+                "mas": share,
+            }
+            for page, turned in enumerate(series.gantries)
+        ],
+    }
+
+
+def _rounded(place_mm: Any) -> list[float]:
+    """To a millionth of a millimetre; no negative zeros."""
+    return [round(float(value), 6) + 0.0 for value in place_mm]

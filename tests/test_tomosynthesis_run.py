@@ -1,0 +1,244 @@
+"""A view as a series of projections, end to end; and what is refused beforehand."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from make_phantom import half_ellipsoid_breast
+from PIL import Image
+from typer.testing import CliRunner
+
+from mammosim import cli
+from mammosim.config import read_yaml, to_settings, write_yaml
+from mammosim.errors import InputError
+from mammosim.pipeline import RunConfig
+
+RUNNER = CliRunner()
+SERIES = {"view": "CC", "angle_range_deg": 40, "projections": 3}
+
+
+def invoke(*arguments: object):
+    return RUNNER.invoke(cli.app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("series")
+    breast = half_ellipsoid_breast()
+    np.savez(
+        folder / "breast.npz",
+        labels=breast.labels,
+        voxel_mm=breast.voxel_mm,
+        origin_mm=breast.origin_mm,
+    )
+    return folder
+
+
+def write(folder: Path, name: str = "run.yaml", **changes) -> Path:
+    values = {
+        "phantom": {
+            "file": "breast.npz",
+            "lesions": [
+                {"name": "ball", "kind": "mass", "diameter_mm": 6, "position_mm": [12, 8, 6]}
+            ],
+        },
+        "compression": {"thickness_mm": 36, "resolution_mm": 4},
+        "projection": {"pixel_mm": 0.8},
+        "views": [{"dbt": SERIES}, {"view": "CC", "mas": 60}],
+        **changes,
+    }
+    write_yaml(values, folder / name)
+    return folder / name
+
+
+@pytest.fixture(scope="module")
+def finished(folder) -> Path:
+    output = folder / "out"
+    result = invoke("run", write(folder), "--output", output)
+    assert result.exit_code == 0, result.output
+    assert "LCC_DBT: 3 projections, 36.0 mm" in result.output
+    return output
+
+
+def test_files_of_a_series(finished):
+    found = {path.name for path in (finished / "LCC_DBT").iterdir()}
+    assert found == {
+        "projections.tif", "lesion_mask.tif", "preview.png", "compressed.nii.gz",
+        "displacement.nii.gz", "convergence.csv", "compression.json",
+    }  # fmt: skip
+    assert (finished / "LCC" / "for_presentation.dcm").exists()
+
+
+def test_pages_and_record_tell_the_same(finished):
+    record = json.loads((finished / "run.json").read_text())
+    geometry = record["tomosynthesis"]["LCC_DBT"]
+    with tifffile.TiffFile(finished / "LCC_DBT" / "projections.tif") as stack:
+        assert len(stack.pages) == 3
+        page = stack.pages[0]
+        assert (page.shape, page.dtype) == ((geometry["rows"], geometry["columns"]), np.uint16)
+        across = page.tags["XResolution"].value
+        assert 10.0 * across[1] / across[0] == pytest.approx(0.8, rel=1e-6)
+    assert [taken["angle_deg"] for taken in geometry["projections"]] == [-20.0, 0.0, 20.0]
+    pivot = np.array(geometry["pivot_mm"])
+    for taken in geometry["projections"]:
+        arm = np.array(taken["focal_spot_mm"]) - pivot
+        assert np.linalg.norm(arm) == pytest.approx(600.0, abs=1e-5)
+        assert np.degrees(np.arctan2(arm[1], arm[2])) == pytest.approx(taken["angle_deg"], abs=1e-6)
+        assert taken["mas"] == pytest.approx(geometry["mas"] / 3)
+    assert "LCC_DBT/projections.tif" in record["files"]
+
+
+def test_the_recorded_geometry_finds_the_lesion_on_every_page(finished):
+    """A reader's own sum, with nothing but run.json and lesions.csv."""
+    geometry = json.loads((finished / "run.json").read_text())["tomosynthesis"]["LCC_DBT"]
+    rows = list(csv.DictReader((finished / "lesions.csv").open()))
+    row = next(row for row in rows if (row["view"], row["name"]) == ("CC_DBT", "ball"))
+    place = np.array([float(row[f"compressed_{axis}_mm"]) for axis in "xyz"])
+    first, down, right = (
+        np.array(geometry[key]) for key in ("first_pixel_mm", "row_step_mm", "column_step_mm")
+    )
+    masks = tifffile.imread(finished / "LCC_DBT" / "lesion_mask.tif")
+    assert masks.shape == (3, geometry["rows"], geometry["columns"])
+    for taken in geometry["projections"]:
+        spot = np.array(taken["focal_spot_mm"])
+        share = (spot[2] - first[2]) / (spot[2] - place[2])
+        shadow = spot + share * (place - spot) - first
+        expected = [shadow @ down / (down @ down), shadow @ right / (right @ right)]
+        found = np.argwhere(masks[taken["page"]] == int(row["target_id"])).mean(axis=0)
+        # a ball of 6 mm in voxels of 1 mm and more, seen in whole pixels of 0.8 mm
+        np.testing.assert_allclose(found, expected, atol=1.0)
+    spread = [np.argwhere(page)[:, 0].mean() for page in masks]
+    assert spread[0] < spread[1] < spread[2]  # the tube goes to +y, the shadow down
+
+
+def test_the_preview_and_the_table_are_the_middle_projection(finished):
+    rows = list(csv.DictReader((finished / "lesions.csv").open()))
+    assert {row["view"] for row in rows} == {"CC", "CC_DBT"}
+    grey = np.asarray(Image.open(finished / "LCC_DBT" / "preview.png"))
+    assert grey.shape == tifffile.imread(finished / "LCC_DBT" / "projections.tif").shape[1:]
+    assert grey.max() > 200
+    page = (finished / "report.html").read_text()
+    assert "LCC_DBT" in page
+
+
+def test_the_saved_configuration_gives_the_same_projections(folder, finished):
+    saved = read_yaml(finished / "config.yaml")
+    assert saved["views"][0]["acquisition"] == {"grid": False}
+    output = folder / "again"
+    assert invoke("run", finished / "config.yaml", "--output", output).exit_code == 0
+    stack = "LCC_DBT/projections.tif"
+    assert (output / stack).read_bytes() == (finished / stack).read_bytes()
+
+
+def config(*views, **sections) -> RunConfig:
+    return to_settings(
+        RunConfig, {"phantom": {"generate": {}}, "views": list(views), **sections}, ""
+    )
+
+
+@pytest.mark.parametrize(
+    "view",
+    [
+        {"dbt": "MLO"},
+        {"dbt": {"view": "MLO"}},
+        {"view": "MLO", "dbt": {}},
+        {"view": "MLO", "dbt": "MLO"},
+    ],
+)
+def test_ways_to_write_a_series(view):
+    (read,) = config(view).views
+    assert (read.view, read.label) == ("MLO", "MLO_DBT")
+    assert (read.dbt.angle_range_deg, read.dbt.projections) == (50.0, 25)
+
+
+def test_a_view_may_be_taken_both_ways_and_with_a_grid():
+    both = config("CC", {"dbt": "CC", "thickness_mm": 40, "grid": True}, acquisition={"mas": 70})
+    assert [view.label for view in both.views] == ["CC", "CC_DBT"]
+    assert both.section_for(both.views[1], "compression").thickness_mm == 40
+    assert both.section_for(both.views[1], "acquisition").grid
+    assert both.section_for(both.views[1], "acquisition").mas == 70
+    plain = config({"dbt": "CC"}, acquisition={"grid": True})
+    assert not plain.section_for(plain.views[0], "acquisition").grid
+
+
+@pytest.mark.parametrize(
+    ("view", "message"),
+    [
+        ({"view": "CC", "dbt": {"view": "MLO"}}, r"dbt\.view: found MLO, expected CC"),
+        ({"dbt": {"projections": 3}}, r"views\.0\.dbt\.view: missing"),
+        ({"dbt": {"view": "CC", "angle": 3}}, r"views\.0\.dbt\.angle: unknown key"),
+        ({"dbt": {"view": "CC", "projections": 0}}, r"projections: found 0, expected greater"),
+        ({"dbt": {"view": "CC", "projections": 2.5}}, r"projections: found 2\.5"),
+        ({"dbt": {"view": "CC", "angle_range_deg": 180}}, r"angle_range_deg: found 180"),
+        ({"dbt": 25}, r"views\.0\.dbt: found 25"),
+    ],
+)
+def test_faulty_series_are_refused(view, message):
+    with pytest.raises(InputError, match=message) as caught:
+        config(view)
+    assert "at least 1 of them" not in str(caught.value)
+
+
+def test_a_series_twice_is_refused():
+    with pytest.raises(InputError, match="CC_DBT is listed twice"):
+        config({"dbt": "CC"}, {"dbt": "CC", "thickness_mm": 50})
+
+
+BEFOREHAND = [
+    ({"projection": {"pixel_mm": 1e-5}}, r"pixel_mm: found 1e-05, which needs \d+\.\d GB"),
+    (
+        {"projection": {"detector_mm": [40, 20]}},
+        r"CC_DBT: projection.detector_mm: found 40 x 20 .* expected at least \d+\.\d x \d+\.\d"
+        r".* mm too high and \d+\.\d mm too wide",
+    ),
+    ({"acquisition": {"spectrum_file": "none.txt"}}, r"spectrum_file: no such file"),
+    ({"acquisition": {"spectrum_file": "bad.txt"}}, r"bad.txt: .*expected two columns"),
+    ({"acquisition": {"spectrum_file": "hard.txt", "kvp": 28}}, r"found photons of 35 keV"),
+    ({"acquisition": {"composition": "none.yaml"}}, r"none.yaml: no such file"),
+    ({"acquisition": {"kvp": 60}}, r"acquisition.kvp: found 60.* 20 to 40 kV"),
+    ({"acquisition": {"mas": 0}}, r"acquisition.mas: found 0.*zero dose"),
+    ({"acquisition": {"target": "Cu"}}, r"acquisition.target: found 'Cu', expected one of W"),
+    ({"acquisition": {"filter": "Sn"}}, r"acquisition.filter: found 'Sn', expected one of Mo"),
+]
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+@pytest.mark.parametrize(("changes", "message"), BEFOREHAND)
+def test_refused_before_anything_is_computed(
+    changes, message, command, folder, tmp_path, monkeypatch
+):
+    (folder / "bad.txt").write_text("20 1 1\n21 1 1\n")
+    (folder / "hard.txt").write_text("20 1e6\n35 1e6\n")
+    monkeypatch.setattr("mammosim.pipeline.run.compress", None)  # must not get so far
+    path = write(folder, f"{tmp_path.name}.yaml", **changes)
+    output = ["--output", tmp_path / "out"] if command == "run" else []
+    result = invoke(command, path, *output)
+    assert result.exit_code == 2, result.output
+
+    assert re.search(message, result.output), result.output
+    assert "Traceback" not in result.output
+
+
+def test_a_generated_breast_is_too_large_for_a_small_detector(folder):
+    path = write(
+        folder, "generated.yaml", phantom={"generate": {"volume_ml": 400}},
+        projection={"detector_mm": [100, 150]}, views=["CC", {"dbt": "MLO"}],
+    )  # fmt: skip
+    result = invoke("check", path)
+    assert result.exit_code == 2
+    assert "CC: projection.detector_mm: found 100 x 150" in result.output
+    assert "MLO_DBT: projection.detector_mm" in result.output
+    assert invoke("check", path, "--set", "projection.detector_mm=[240, 180]").exit_code == 0
+
+
+def test_check_tells_of_the_projections(folder):
+    result = invoke("check", write(folder, "plan.yaml"))
+    assert result.exit_code == 0, result.output
+    assert "CC_DBT: compressed to 36 mm" in result.output
+    assert "from 3 tube positions over 40 degrees" in result.output
