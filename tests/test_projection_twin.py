@@ -18,6 +18,8 @@ from naive.projection import (
 
 from mammosim.phantom import Lesion
 from mammosim.projection import compressed_labels, project
+from mammosim.projection._kernels import Voxels, _other
+from mammosim.projection.channels import planes_with_labels
 
 ADIPOSE, GLAND, LESION = 1, 29, 160
 
@@ -88,6 +90,35 @@ def test_any_number_of_threads_gives_the_same_bits():
         numba.set_num_threads(threads)
     assert images[0].length_mm.tobytes() == images[-1].length_mm.tobytes()
     assert images[0].attenuating_mm.tobytes() == images[-1].attenuating_mm.tobytes()
+
+
+def test_the_other_label_is_found_at_any_place_of_a_word():
+    """Columns of 19 voxels, of which the last three fill no word, in rows of one to nine."""
+    rng = np.random.default_rng(6)
+    labels = np.repeat(rng.integers(0, 3, 90), rng.integers(1, 10, 90)).astype(np.uint8)
+    columns = labels[: 19 * (labels.size // 19)]
+    words = columns[: columns.size // 8 * 8].view(np.uint64)
+    voxels = Voxels(columns, words, 1, columns.size // 19, 19, np.zeros(256, np.int64))
+    assert columns.size % 8
+    for column in range(0, columns.size, 19):
+        line = columns[column : column + 19]
+        for start in range(19):
+            for end in range(19):
+                step = 1 if end >= start else -1
+                between = range(start, end + step, step)
+                for label in (1, 2):
+                    expected = next((z for z in between if line[z] != label), -1)
+                    assert _other(column, start, end, label, voxels) == expected
+
+
+@pytest.mark.parametrize("shape", [(3, 4, 6), (3, 5, 7)])
+def test_labels_of_each_plane(shape):
+    labels = np.random.default_rng(2).choice(np.array([0, 1, 200, 255], np.uint8), shape)
+    labels[1] = 7
+    for stored in (labels, np.asfortranarray(labels), labels[:, :, ::-1]):
+        present = planes_with_labels(stored)
+        for plane, found in zip(labels, present, strict=True):
+            np.testing.assert_array_equal(np.flatnonzero(found), np.unique(plane))
 
 
 def test_labels_in_another_memory_order_give_the_same():

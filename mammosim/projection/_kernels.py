@@ -20,12 +20,19 @@ from mammosim._jit import kernel, parallel_kernel
 Floats = NDArray[np.float64]
 Nodes = NDArray[np.float32]
 Labels = NDArray[np.uint8]
+Words = NDArray[np.uint64]
 
 Place = tuple[float, float, float, float]
 """A fractional voxel x, y, z and the density there."""
 
 _NOWHERE = (math.nan, math.nan, math.nan, math.nan)
 _SKIN = 1e-6
+LABELS_A_WORD = 8
+"""Labels that are looked at together, as one 64-bit word of a little-endian machine."""
+
+_NO_BIT, _ONE, _BYTE = np.uint64(0), np.uint64(1), np.uint64(8)
+_LOWEST_BYTE = np.uint64(0xFF)
+_EACH_BYTE, _HIGHEST_OF_BYTES = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
 
 # Two-point Gauss rule on [0, 1]: exact for the volume of a trilinear cell, whose determinant is
 # quadratic in each coordinate.
@@ -54,10 +61,12 @@ class Beam(NamedTuple):
 class Voxels(NamedTuple):
     """The phantom's labels, run together, and the channel that each label is added to.
 
-    Labels that are not wanted go to a channel behind the last.
+    Labels that are not wanted go to a channel behind the last. `words` is the same memory, eight
+    labels a word (the rest that fills no word left out).
     """
 
     labels: Labels
+    words: Words
     size_x: int
     size_y: int
     size_z: int
@@ -142,10 +151,12 @@ def _cross(nodes: Nodes, u: float, v: float, k: int) -> Place:
     j = min(max(int(v), 0), nodes.shape[1] - 2)
     a, b = np.uint64(i), np.uint64(j)
     a1, b1, c = np.uint64(i + 1), np.uint64(j + 1), np.uint64(k)
+    n00, n01, n10, n11 = nodes[a, b, c], nodes[a, b1, c], nodes[a1, b, c], nodes[a1, b1, c]
+    if math.isnan(n00[0] + n01[0] + n10[0] + n11[0]):
+        return _NOWHERE
     fu, fv = u - i, v - j
     w00, w01 = (1.0 - fu) * (1.0 - fv), (1.0 - fu) * fv
     w10, w11 = fu * (1.0 - fv), fu * fv
-    n00, n01, n10, n11 = nodes[a, b, c], nodes[a, b1, c], nodes[a1, b, c], nodes[a1, b1, c]
     return (
         w00 * n00[0] + w01 * n01[0] + w10 * n10[0] + w11 * n11[0],
         w00 * n00[1] + w01 * n01[1] + w10 * n10[1] + w11 * n11[1],
@@ -159,48 +170,86 @@ def _segment(start: Place, end: Place, length: float, voxels: Voxels, sums: Floa
     """Add a straight segment's lengths, voxel by voxel, to the channels of the voxels' labels.
 
     `length` is the segment's length in the compressed breast, mm. Traversal of Amanatides and Woo
-    1987 (Eurographics): `t_x`, `t_y`, `t_z` are where the segment, run over t = 0 to 1, leaves the
-    voxel along each axis; the smallest comes next. Voxels of one label in a row are added at once.
+    1987 (Eurographics): `t_x`, `t_y` are where the segment, run over t = 0 to 1, leaves the column
+    of voxels along z that it is in; the smaller comes next, and until then it goes through the
+    column from voxel `z` to `z_next`. Voxels of one label in a row are added at once.
     """
-    t_in, t_out = _inside(start[0], end[0], voxels.size_x, 0.0, 1.0)
+    t_in, t_out = _inside(start[2], end[2], voxels.size_z, 0.0, 1.0)
+    if not t_in < t_out:
+        return
+    t_in, t_out = _inside(start[0], end[0], voxels.size_x, t_in, t_out)
     t_in, t_out = _inside(start[1], end[1], voxels.size_y, t_in, t_out)
-    t_in, t_out = _inside(start[2], end[2], voxels.size_z, t_in, t_out)
     if not t_in < t_out:
         return
     x, t_x, delta_x, step_x = _enter(start[0], end[0], voxels.size_x, t_in)
     y, t_y, delta_y, step_y = _enter(start[1], end[1], voxels.size_y, t_in)
-    z, t_z, delta_z, step_z = _enter(start[2], end[2], voxels.size_z, t_in)
+    change_z = end[2] - start[2]
+    z = int(start[2] + t_in * change_z)
     step_x *= voxels.size_y * voxels.size_z
     step_y *= voxels.size_z
-    at = (x * voxels.size_y + y) * voxels.size_z + z
+    column = (x * voxels.size_y + y) * voxels.size_z
     weighted = 0.5 * (start[3] + end[3]) * length
-    label = voxels.labels[np.uint64(at)]
-    since = t_in
+    label = voxels.labels[np.uint64(column + z)]
+    since = entered = t_in
     while True:
-        if t_z < t_y and t_z < t_x:
-            t = t_z
-            t_z += delta_z
-            at += step_z
-        elif t_y < t_x:
-            t = t_y
-            t_y += delta_y
-            at += step_y
-        else:
-            t = t_x
-            t_x += delta_x
-            at += step_x
-        if t >= t_out:
-            break
-        following = voxels.labels[np.uint64(at)]
-        if following != label:
-            channel = voxels.channel_of_label[label]
-            sums[channel, 0] += (t - since) * length
-            sums[channel, 1] += (t - since) * weighted
-            label = following
+        side = min(t_x, t_y)
+        z_next = int(start[2] + min(side, t_out) * change_z)
+        other = _other(column, z, z_next, label, voxels)
+        while other >= 0:
+            t = entered if other == z else (other + (z_next < z) - start[2]) / change_z
+            _add(label, t - since, length, weighted, voxels, sums)
+            label = voxels.labels[np.uint64(column + other)]
             since = t
+            other = _other(column, other, z_next, label, voxels)
+        if side >= t_out:
+            break
+        z, entered = z_next, side
+        across = int(t_x < t_y)
+        t_x += across * delta_x
+        t_y += (1 - across) * delta_y
+        column += across * step_x + (1 - across) * step_y
+    _add(label, t_out - since, length, weighted, voxels, sums)
+
+
+@kernel
+def _other(column: int, z: int, z_next: int, label: int, voxels: Voxels) -> int:
+    """First voxel of a column, from z to `z_next`, that has another label; -1 if none has.
+
+    Upwards eight voxels are looked at a time: a label's bits against those of a word are 0 where
+    the two are alike, and the zero bytes below the first that is not are counted.
+    """
+    if z_next < z:
+        while z >= z_next and voxels.labels[np.uint64(column + z)] == label:
+            z -= 1
+        return z if z >= z_next else -1
+    first, last = column + z, column + z_next
+    word, last_word = np.uint64(first >> 3), np.uint64(last >> 3)
+    if last_word >= np.uint64(voxels.words.size):
+        while z <= z_next and voxels.labels[np.uint64(column + z)] == label:
+            z += 1
+        return z if z <= z_next else -1
+    wanted = np.uint64(label) * _EACH_BYTE
+    before = np.uint64((first & 7) << 3)  # bits of the word that lie before the first voxel
+    bits = (voxels.words[word] ^ wanted) >> before << before
+    while bits == _NO_BIT and word < last_word:
+        word += _ONE
+        bits = voxels.words[word] ^ wanted
+    if bits == _NO_BIT:
+        return -1
+    below = (bits - _ONE) & ~bits & _HIGHEST_OF_BYTES
+    alike = ((below >> np.uint64(7)) * _EACH_BYTE) >> np.uint64(56)  # the sum is the highest byte
+    found = int(word << np.uint64(3)) + int(alike)
+    return found - column if found <= last else -1
+
+
+@kernel
+def _add(
+    label: int, share: float, length: float, weighted: float, voxels: Voxels, sums: Floats
+) -> None:
+    """Add a share of a segment, plain and weighted, to the channel of a label."""
     channel = voxels.channel_of_label[label]
-    sums[channel, 0] += (t_out - since) * length
-    sums[channel, 1] += (t_out - since) * weighted
+    sums[channel, 0] += share * length
+    sums[channel, 1] += share * weighted
 
 
 @kernel
@@ -231,7 +280,7 @@ def _enter(start: float, end: float, size: int, t_in: float) -> tuple[int, float
     if change < 0.0:
         rate = 1.0 / change
         return voxel, (voxel - start) * rate, -rate, -1
-    return voxel, math.inf, math.inf, 0
+    return voxel, math.inf, 0.0, 0
 
 
 @parallel_kernel
@@ -333,6 +382,24 @@ def planes_of_labels(labels: Labels, out_present: NDArray[np.bool_]) -> None:
     """Mark in `out_present` [x, 256] which labels occur in each x plane."""
     nx, ny, nz = labels.shape
     for x in numba.prange(nx):
+        last = -1
         for y in range(ny):
             for z in range(nz):
-                out_present[x, labels[x, y, z]] = True
+                label = int(labels[x, y, z])
+                if label != last:
+                    out_present[x, label] = True
+                    last = label
+
+
+@parallel_kernel
+def planes_of_words(words: Words, out_present: NDArray[np.bool_]) -> None:
+    """The same for planes [x, word]; a word like the one before it is passed over."""
+    for x in numba.prange(words.shape[0]):
+        last = ~words[x, 0]
+        for at in range(words.shape[1]):
+            word = words[x, at]
+            if word != last:
+                last = word
+                for _ in range(LABELS_A_WORD):
+                    out_present[x, word & _LOWEST_BYTE] = True
+                    word >>= _BYTE

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mammosim.compression import CompressedBreast
 from mammosim.config import to_settings
 from mammosim.geometry import Gantry
-from mammosim.projection._kernels import Beam, Voxels, trace
+from mammosim.projection._kernels import LABELS_A_WORD, Beam, Voxels, trace
 from mammosim.projection.channels import Channels, channels_of, host_channel
 from mammosim.projection.detector_field import place_detector
 from mammosim.projection.feasible import check_memory
@@ -19,8 +19,8 @@ from mammosim.projection.paths import PathLengths
 from mammosim.projection.settings import ProjectionSettings
 from mammosim.projection.voxel_map import VoxelMap, voxel_map
 
-# Rows that one thread traces together: eight rows of 0.1 mm pixels share the voxels in its cache.
-_BAND_ROWS = 8
+# Rows that one thread traces together: neighbouring rays share the voxels in its cache.
+_BAND_ROWS = 32
 # Bands are dealt out with this stride, so that each thread gets its share of breast and of air.
 _DEAL = 16
 
@@ -107,11 +107,19 @@ def _trace(
         nodes[..., 3] = 1.0
     bands = -(-gantry.rows // _BAND_ROWS)
     order = np.concatenate([np.arange(first, bands, _DEAL) for first in range(_DEAL)])
-    labels = np.ascontiguousarray(squeezed.phantom.labels)
-    nx, ny, nz = labels.shape
-    voxels = Voxels(labels.reshape(-1), nx, ny, nz, channels.of_label)
+    voxels = _voxels(squeezed.phantom.labels, channels)
     trace(order, _BAND_ROWS, _beam(gantry, mapped), nodes, voxels, length, weighted)
     return length, weighted
+
+
+def _voxels(labels: NDArray[np.uint8], channels: Channels) -> Voxels:
+    """The labels as the kernel wants them; copied only where they do not lie as it needs them."""
+    labels = np.ascontiguousarray(labels)
+    if labels.ctypes.data % LABELS_A_WORD:
+        labels = labels.copy()
+    row = labels.reshape(-1)
+    words = row[: row.size // LABELS_A_WORD * LABELS_A_WORD].view(np.uint64)
+    return Voxels(row, words, *labels.shape, channels.of_label)
 
 
 def _beam(gantry: Gantry, mapped: VoxelMap) -> Beam:
