@@ -119,7 +119,8 @@ def _voxels(labels: NDArray[np.uint8], channels: Channels) -> Voxels:
         labels = labels.copy()
     row = labels.reshape(-1)
     words = row[: row.size // LABELS_A_WORD * LABELS_A_WORD].view(np.uint64)
-    return Voxels(row, words, *labels.shape, channels.of_label)
+    nx, ny, nz = labels.shape
+    return Voxels(row, words, nx, ny, nz, channels.of_label)
 
 
 def _beam(gantry: Gantry, mapped: VoxelMap) -> Beam:
