@@ -132,9 +132,10 @@ def thinned(sums: np.ndarray) -> dict[str, Any]:
 
 def counted_nodes(problem: SpringProblem, state: SpringState) -> np.ndarray:
     """Nodes that the thesis counts: between the plates, touching neither."""
-    x, z = (np.indices(problem.modulus.shape)[axis] + state.displacement[axis] for axis in (0, 2))
+    i, _, k = np.indices(problem.modulus.shape, sparse=True)
+    z = k + state.displacement[2]
     counted = problem.tissue & ~problem.fixed & (z > problem.lower) & (z < problem.upper)
-    return np.asarray(counted & (x > problem.edge))
+    return np.asarray(counted & (i > problem.edge))
 
 
 def compress_case(name: str, scale: float) -> dict[str, Any]:

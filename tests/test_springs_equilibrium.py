@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import pytest
 from make_springs import half_ellipsoid
+from naive import springs as naive
 
 from mammosim.compression.springs import (
     SpringProblem,
@@ -49,8 +50,17 @@ def test_solvers_agree_at_the_thesis_stopping_rule(problem, equilibrium):
 
 def test_solvers_agree_far_closer_when_the_relaxation_goes_on(problem, equilibrium):
     state = relax(problem, limit=1e-7)
-    # 1e-7 a sweep with a contraction of about 0.99 leaves about 1e-5; the edge adds a little.
-    assert distance(state, equilibrium, problem).max() < 1e-3
+    # 1e-7 a sweep with a contraction of about 0.99 leaves about 1e-5, at the softest nodes ten
+    # times that.
+    assert distance(state, equilibrium, problem).max() < 1e-4
+
+
+def test_solvers_agree_where_the_plates_ends_hold_tissue_back():
+    """Strong compression draws tissue forward from behind the edge, against the plates' ends."""
+    problem = replace(half_ellipsoid((20, 28, 26), gap=0.25), edge=7.5, edge_radius=0.5)
+    state = solve(problem, 1e-5)
+    assert [row["nodes_held"] for row in state.history if row["axis"] == "x"][-1] > 10
+    assert distance(state, relax(problem, limit=1e-7), problem).max() < 1e-4
 
 
 def test_the_estimator_sees_what_is_left(problem, equilibrium):
@@ -78,14 +88,16 @@ def test_decompression_returns_to_rest(solver, limit, left, problem, equilibrium
 
 def test_equilibrium_does_not_depend_on_where_it_starts(problem, equilibrium):
     squeezed_more = solve(half_ellipsoid(gap=0.4), 1e-4)
-    state = solve(problem, 1e-5, start=squeezed_more)
-    # Nodes that the tighter gap has drawn under the edge leave it again, but for a few.
-    assert distance(state, equilibrium, problem).mean() < 1e-3
+    at_rest = solve(problem.released(), 1e-4)
+    for start in (squeezed_more, at_rest, equilibrium):
+        state = solve(problem, 1e-5, start=start)
+        # The tolerance of the solver, for either of the two.
+        assert distance(state, equilibrium, problem).max() < 2e-5
 
 
 def test_relaxation_does_not_depend_on_the_visiting_order(problem):
     states = [relax(problem, limit=1e-7, seed=seed) for seed in (1, 2)]
-    assert distance(*states, problem).max() < 1e-3
+    assert distance(*states, problem).max() < 1e-4
 
 
 def test_threads_do_not_change_a_bit(problem):
@@ -103,12 +115,14 @@ def test_threads_do_not_change_a_bit(problem):
 
 def test_nothing_passes_the_plates_or_the_chest_wall(problem, equilibrium):
     ux, _, uz = equilibrium.displacement
-    i, _, k = np.indices(ux.shape)
-    between = problem.tissue & (i + ux > problem.edge)
-    z = (k + uz)[between]
-    assert z.min() >= problem.lower - 1e-9
-    assert z.max() <= problem.upper + 1e-9
-    assert (i + ux)[problem.tissue].min() >= 1.0
+    x, z = (np.indices(ux.shape)[axis] + u for axis, u in ((0, ux), (2, uz)))
+    between = problem.tissue & (np.indices(ux.shape)[0] > problem.edge)
+    assert z[between].min() >= problem.lower - 1e-9
+    assert z[between].max() <= problem.upper + 1e-9
+    behind = problem.tissue & ~between
+    for node in np.argwhere(behind & (x > problem.edge)):
+        assert x[tuple(node)] <= naive.foremost(problem, z[tuple(node)]) + 1e-9
+    assert x[problem.tissue].min() >= 1.0
     held = problem.fixed & problem.tissue
     assert not any(u[held].any() for u in equilibrium.displacement)
 

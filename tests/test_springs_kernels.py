@@ -12,6 +12,7 @@ from naive import springs as naive
 from mammosim.compression.springs import SpringProblem
 from mammosim.compression.springs import _lattice_kernels as lattice
 from mammosim.compression.springs import _stencil_kernels as stencils
+from mammosim.compression.springs._plate_kernels import foremost
 from mammosim.compression.springs._relaxation_kernels import Springs, mark_nodes, sweep
 from mammosim.compression.springs.multigrid import (
     LatticeLevel,
@@ -111,9 +112,21 @@ def test_a_lattice_at_rest_bears_no_force():
     assert not forces(modulus, np.zeros((3, *modulus.shape))).any()
 
 
+def test_a_node_from_behind_the_edge_is_stopped_by_the_rounded_end():
+    plates = half_ellipsoid().plates._replace(lower=-4.0, upper=5.0, edge=10.0, radius=3.0)
+    beyond = np.linspace(1e-6, 2.999, 7)
+    for face, side in ((plates.upper, 1), (plates.lower, -1)):
+        x = np.array([foremost(face + side * step, plates) for step in beyond])
+        # On the quarter circle about (edge + 3, face + 3).
+        np.testing.assert_allclose(np.hypot(13.0 - x, 3.0 - beyond), 3.0)
+        assert (x <= 13.0).all()
+        assert foremost(face + 8.0 * side, plates) == 10.0
+        assert foremost(face, plates) == np.inf
+
+
 @pytest.mark.parametrize("stiffening", [False, True])
 def test_sweep_is_that_of_the_definition(stiffening):
-    problem = half_ellipsoid((5, 8, 7), gap=0.6)
+    problem = replace(half_ellipsoid((5, 8, 7), gap=0.6), edge=2.5, edge_radius=1.5)
     rng = np.random.default_rng(6)
     growth = np.where(problem.modulus > 5.0, 10.0, 7.5).astype(np.float32) if stiffening else None
     force = (None, rng.normal(size=problem.modulus.shape), np.full(problem.modulus.shape, -0.3))
@@ -121,12 +134,12 @@ def test_sweep_is_that_of_the_definition(stiffening):
     places = np.indices(problem.modulus.shape, dtype=np.float64)
     places += np.where(problem.tissue, rng.normal(0.0, 0.1, places.shape), 0.0)
     x, y, z = (place.copy() for place in places)
-    plates, sums = (problem.lower, problem.upper, problem.edge, 1.0), np.zeros(4)
+    plates, sums = problem.plates, np.zeros(4)
     visited = np.zeros(problem.modulus.shape, np.uint8)
     mark_nodes(problem.modulus, problem.fixed, visited)
     assert set(np.unique(visited)) == {0, 1, 2}
-    sweep(Springs(problem.modulus, growth, force, visited), x, y, z, orders, plates, sums)
-    expected = naive.sweep(problem.modulus, problem.fixed, places, orders, plates, growth, force)
+    sweep(Springs(problem.modulus, growth, force, visited), x, y, z, orders, plates, 1.0, sums)
+    expected = naive.sweep(problem, places, orders, growth, force)
     np.testing.assert_allclose(sums, expected, rtol=1e-12)
     np.testing.assert_allclose([x, y, z], places, atol=1e-12)
 

@@ -64,22 +64,32 @@ def net_force(modulus: np.ndarray, places: np.ndarray, n: tuple, growth=None) ->
     return sum(spring_force(modulus, growth, places, n, offset)[0] for offset in NEIGHBOURS)
 
 
-def sweep(modulus, fixed, places, orders, plates, growth=None, force=(None,) * 3) -> np.ndarray:
+def foremost(problem, z: float) -> float:
+    """Largest x at height z that is not within a plate whose edge is rounded."""
+    r, beyond = problem.edge_radius, max(z - problem.upper, problem.lower - z)
+    if beyond <= 0.0:
+        return np.inf
+    # The rounding is a quarter of a circle about (edge + r, face + r).
+    return problem.edge + r - np.sqrt(r**2 - max(r - beyond, 0.0) ** 2)
+
+
+def sweep(problem, places, orders, growth=None, force=(None,) * 3) -> np.ndarray:
     """The thesis' sweep, in place; returns the summed |dx|, |dy|, |dz| and their number."""
-    lower, upper, edge, chest = plates
-    sums = np.zeros(4)
+    modulus, sums = problem.modulus, np.zeros(4)
     for n in product(*orders):
-        if modulus[n] == 0 or fixed[n]:
+        if modulus[n] == 0 or problem.fixed[n]:
             continue
         pulls = [spring_force(modulus, growth, places, n, offset) for offset in NEIGHBOURS]
         total = sum(pull for pull, _ in pulls)
         outer = np.array([0.0 if field is None else field[n] for field in force])
         move = (total + outer) / (modulus[n] + sum(slope for _, slope in pulls))
-        places[(0, *n)] = max(places[(0, *n)] + move[0], chest)
-        places[(1, *n)] += move[1]
-        z = places[(2, *n)] + move[2]
-        between = places[(0, *n)] > edge
-        places[(2, *n)] = np.clip(z, lower, upper) if between else z
-        if between and lower < places[(2, *n)] < upper:
+        x, y, z = (places[(axis, *n)] + move[axis] for axis in range(3))
+        between = n[0] > problem.edge
+        if between:
+            z = np.clip(z, problem.lower, problem.upper)
+        else:
+            x = min(x, foremost(problem, z))
+        places[(slice(None), *n)] = max(x, 1.0), y, z
+        if between and problem.lower < z < problem.upper:
             sums += [*np.abs(move), 1.0]
     return sums

@@ -13,7 +13,8 @@ it vectorise.
 import numpy as np
 from numba import prange
 
-from mammosim._jit import contracting_kernel, contracting_parallel_kernel
+from mammosim._jit import contracting_kernel, contracting_parallel_kernel, inlined_kernel
+from mammosim.compression.springs._plate_kernels import foremost
 
 _ONE = np.uint64(1)
 
@@ -256,67 +257,66 @@ def _add_stretch_loads(stiffness, total, cells, a, b, first, last, row_x, row_y)
 
 
 @contracting_parallel_kernel
-def update_contact(u, force, diagonal, free, bounded, axis, bounds, slack, contact):
-    """Set which nodes an obstacle holds, and put them on it.
+def hold_between_faces(u, force, diagonal, free, plates, slack, contact):
+    """Set which nodes the plates' faces hold along z, and put those on the face.
 
-    Along `axis` a free node where `bounded` is odd must keep ``lower <= rest + u <= upper``,
-    `rest` being its index and `bounds` the two. It is held where its local equilibrium, ``u +
-    force / diagonal``, lies beyond, and let go where that lies inside by more than `slack`: nodes
-    that a plate just touches would come and go for ever. `contact` becomes -1 (at `lower`), 0 or
-    1 (at `upper`).
+    A free node beyond the plates' edge at rest is held where its local equilibrium, ``u + force /
+    diagonal``, lies beyond a face, and let go where that lies inside by more than `slack`: nodes
+    that a plate just touches would come and go for ever. `contact` becomes -1 (at the lower
+    face), 0 or 1 (at the upper one).
 
     Returns
     -------
     int
         Number of nodes whose state changed.
     """
-    lower, upper = bounds
     changes = np.zeros(u.shape[0], np.int64)
     for i in prange(1, u.shape[0] - 1):
+        if i <= plates.edge:
+            continue
         for j in range(1, u.shape[1] - 1):
             for k in range(1, u.shape[2] - 1):
-                before = contact[i, j, k]
-                state = 0
-                if bounded[i, j, k] & 1 and free[i, j, k] > 0.0:
-                    rest = i if axis == 0 else (j if axis == 1 else k)
-                    place = rest + u[i, j, k] + force[i, j, k] / diagonal[i, j, k]
-                    if place > upper - (slack if before == 1 else 0.0):
-                        state = 1
-                        u[i, j, k] = upper - rest
-                    elif place < lower + (slack if before == -1 else 0.0):
-                        state = -1
-                        u[i, j, k] = lower - rest
-                if state != before:
-                    changes[i] += 1
-                    contact[i, j, k] = state
+                if free[i, j, k] > 0.0:
+                    place = k + u[i, j, k] + force[i, j, k] / diagonal[i, j, k]
+                    before = contact[i, j, k]
+                    after = _held(place, plates.lower, plates.upper, slack, before)
+                    if after != 0:
+                        u[i, j, k] = (plates.upper if after > 0 else plates.lower) - k
+                    if after != before:
+                        changes[i] += 1
+                        contact[i, j, k] = after
     return changes.sum()
 
 
 @contracting_parallel_kernel
-def follow_edge(ux, free, edge, leaving, state):
-    """Update which nodes lie between the plates, by their place along x.
+def hold_before_ends(u, uz, force, diagonal, free, plates, chest, slack, contact):
+    """Set which nodes the chest wall and the plates' ends hold along x; see `hold_between_faces`.
 
-    Bits of `state`: 1 between the plates, 2 has been out again, 4 has returned and stays. A node
-    comes in beyond `edge` and out `leaving` behind it.
-
-    Returns
-    -------
-    int
-        Number of nodes that came in or out.
+    `uz` is the displacement along z, and `chest` the x of the wall. `contact` becomes -1 (at the
+    wall), 0 or 1 (at an end).
     """
-    changes = np.zeros(ux.shape[0], np.int64)
-    for i in prange(1, ux.shape[0] - 1):
-        for j in range(1, ux.shape[1] - 1):
-            for k in range(1, ux.shape[2] - 1):
-                if free[i, j, k] == 0.0:
-                    continue
-                before = state[i, j, k]
-                after = before
-                if i + ux[i, j, k] > edge:
-                    after |= 5 if before & 2 else 1
-                elif i + ux[i, j, k] <= edge - leaving and before & 1 and not before & 4:
-                    after = (before | 2) & ~1
-                if after != before:
-                    changes[i] += 1
-                    state[i, j, k] = after
+    changes = np.zeros(u.shape[0], np.int64)
+    for i in prange(1, u.shape[0] - 1):
+        for j in range(1, u.shape[1] - 1):
+            for k in range(1, u.shape[2] - 1):
+                if free[i, j, k] > 0.0:
+                    end = foremost(k + uz[i, j, k], plates) if i <= plates.edge else np.inf
+                    place = i + u[i, j, k] + force[i, j, k] / diagonal[i, j, k]
+                    before = contact[i, j, k]
+                    after = _held(place, chest, end, slack, before)
+                    if after != 0:
+                        u[i, j, k] = (end if after > 0 else chest) - i
+                    if after != before:
+                        changes[i] += 1
+                        contact[i, j, k] = after
     return changes.sum()
+
+
+@inlined_kernel
+def _held(place, lower, upper, slack, before):
+    """-1, 0 or 1: which obstacle holds a node whose local equilibrium is at `place`."""
+    if place > upper - (slack if before == 1 else 0.0):
+        return 1
+    if place < lower + (slack if before == -1 else 0.0):
+        return -1
+    return 0

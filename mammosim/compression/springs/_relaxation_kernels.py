@@ -9,6 +9,7 @@ from mammosim.compression.springs._exponential_kernels import (
     spring_strain,
     stiffened,
 )
+from mammosim.compression.springs._plate_kernels import foremost
 
 SHORTEST = 1e-3
 """Length of a spring at least, lattice units, where its slope is taken."""
@@ -27,22 +28,23 @@ class Springs(NamedTuple):
 
 
 @contracting_kernel
-def sweep(springs, x, y, z, orders, plates, sums):
+def sweep(springs, x, y, z, orders, plates, chest, sums):
     """Visit every free tissue node once and move it; in place, one after another.
 
-    `orders` are the indices along x, y and z in the order of their visit; `plates` is (lower,
-    upper, edge, chest wall); `x`, `y`, `z` are places in lattice units.
+    `orders` are the indices along x, y and z in the order of their visit; `plates` is a
+    `PlateSolids` and `chest` the x of the chest wall; `x`, `y`, `z` are places in lattice units.
     `sums` receives the summed |dx|, |dy|, |dz| of the counted nodes (between the plates and
     touching neither) and their number. The step is F / W where W sums the stiffness of all 27
     terms, the node's own included; of springs that stiffen, the slope of their force.
     """
     modulus, growth, visited = springs.modulus, springs.growth, springs.visited
     force_x, force_y, force_z = springs.force
-    lower, upper, edge, chest = plates
+    lower, upper = plates.lower, plates.upper
     stretch = np.empty((2, 2, 2))
     length = np.empty((3, 3, 3))
     sums[:] = 0.0
     for i in orders[0]:
+        between = i > plates.edge
         for j in orders[1]:
             for k in orders[2]:
                 if visited[i, j, k] == 0:
@@ -56,13 +58,15 @@ def sweep(springs, x, y, z, orders, plates, sums):
                 dx = (fx + _outer(force_x, i, j, k)) / wx
                 dy = (fy + _outer(force_y, i, j, k)) / wy
                 dz = (fz + _outer(force_z, i, j, k)) / wz
-                x[i, j, k] = max(x[i, j, k] + dx, chest)
-                y[i, j, k] += dy
-                place = z[i, j, k] + dz
-                if x[i, j, k] > edge:
+                front, place = x[i, j, k] + dx, z[i, j, k] + dz
+                if between:
                     place = min(max(place, lower), upper)
+                else:
+                    front = min(front, foremost(place, plates))
+                x[i, j, k] = max(front, chest)
+                y[i, j, k] += dy
                 z[i, j, k] = place
-                if lower < place < upper and x[i, j, k] > edge:
+                if between and lower < place < upper:
                     sums[0] += abs(dx)
                     sums[1] += abs(dy)
                     sums[2] += abs(dz)

@@ -1,16 +1,17 @@
-"""The `multigrid` solver: equilibrium of the spring lattice as one obstacle problem.
+"""The `multigrid` solver: equilibrium of the spring lattice as obstacle problems, axis by axis.
 
-The equation along z contains neither x nor y, except for which nodes lie between the plates; with
-z known, those along x and y are linear. The plates are an obstacle along z, the chest wall one
-along x; which nodes they hold is found by the primal-dual active set method (Hintermueller, Ito &
-Kunisch 2003, SIAM J. Optim. 13:865), monotone here because the operator is an M-matrix. A lattice
-of half the resolution, solved first, gives the start.
+The equation along z contains neither x nor y; with z known, those along x and y are linear. The
+plates' faces are an obstacle along z, their ends and the chest wall one along x; which nodes they
+hold is found by the primal-dual active set method (Hintermueller, Ito & Kunisch 2003, SIAM J.
+Optim. 13:865), monotone here because the operator is an M-matrix. Each axis has one solution. A
+lattice of half the resolution, solved first, gives the start.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,12 +46,6 @@ COARSE_TOLERANCE = 0.02
 REDUCTION = 0.05
 """Part of the error that one axis keeps in a round: one step or two of conjugate gradients."""
 
-LEAVING = 0.5
-"""How far behind the plates' edge a node must be to have come out, lattice units. A node near the
-edge may be pulled out from between the plates by what they do to it, and back in by what they then
-do not: for such a node no equilibrium exists. One that returns therefore stays for good, so that
-nothing ever passes through the plates."""
-
 SLACK = 0.1
 """Part of the tolerance by which a held node must draw back before it is let go."""
 
@@ -58,7 +53,8 @@ STALE_PART = 0.1
 """Of the held nodes may change before the coarse operators are made anew."""
 
 MAX_ROUNDS = 80
-"""Over z, x and y, while nodes touch the plates and slide under their edge; 10 to 20 are usual."""
+"""Of one axis, in each of which nodes come under an obstacle's hold or leave it; 2 to 6 are usual,
+and 35 were seen from rest under strong compression."""
 
 START_ROUNDS = 8
 """Of a lattice that only gives a start."""
@@ -124,90 +120,102 @@ class _Run:
     rows: list[np.void] = field(default_factory=list)
 
     def to_equilibrium(self, displacement: Displacement) -> SpringState:
-        """Bring a displacement to equilibrium, in place."""
+        """Bring a displacement to equilibrium, in place: along z, then x, then y."""
         ux, uy, uz = displacement
-        problem = self.problem
-        level = LatticeLevel.of(problem)
-        free = level.free
-        unheld, error, converged, interrupted = Multigrid(level, Workspace()), np.inf, False, False
-        load_x, load_y, stretch = (np.zeros(ux.shape, np.float32) for _ in range(3))
-        along_x = _Axis("x", level, unheld, load_x, CHEST_WALL_INDEX, np.inf)
-        along_y = _Axis("y", level, unheld, load_y, -np.inf, np.inf)
-        along_z = _Axis("z", level, unheld, problem.force[2], problem.lower, problem.upper)
-        everywhere, between = free.astype(np.uint8), np.zeros(ux.shape, np.uint8)
-        sliding = lattice.follow_edge(ux, free, problem.edge, LEAVING, between)
-        try:
-            for _ in range(self.max_rounds):
-                error, changes = self._balance(along_z, uz, between)
-                lattice.cell_stretch(problem.modulus, uz, stretch)
-                lattice.stretch_loads(level.springs, level.span, stretch, load_x, load_y)
-                for force, load in zip(problem.force, (load_x, load_y), strict=False):
-                    if force is not None:
-                        vectors.add_scaled(np.float32(1.0), force, load)
-                error_x, changes_x = self._balance(along_x, ux, everywhere)
-                error = max(error, error_x)
-                settled = sliding == changes == changes_x == 0
-                if settled and error <= self.tolerance:
-                    converged = True
-                    break
-                sliding = lattice.follow_edge(ux, free, problem.edge, LEAVING, between)
-        except KeyboardInterrupt:
-            interrupted, self.watch = True, None
-        for _ in range(1 if interrupted else self.max_rounds):  # y decides nothing else
-            error_y, _ = self._balance(along_y, uy, everywhere)
-            if error_y <= self.tolerance:
-                break
-        error = max(error, error_y)
-        converged &= error <= self.tolerance
+        level = LatticeLevel.of(self.problem)
+        unheld, error = Multigrid(level, Workspace()), 0.0
+        settled, interrupted = True, False
+        load_x, load_y = (np.zeros(ux.shape, np.float32) for _ in range(2))
+        between = partial(lattice.hold_between_faces, plates=self.problem.plates)
+        before = partial(
+            lattice.hold_before_ends, uz=uz, plates=self.problem.plates, chest=CHEST_WALL_INDEX
+        )
+        for axis in (
+            _Axis("z", uz, self.problem.force[2], unheld, between),
+            _Axis("x", ux, load_x, unheld, before),
+            _Axis("y", uy, load_y, unheld, None),
+        ):
+            if axis.name == "x":
+                self._widen(level, uz, load_x, load_y)
+            try:
+                left, done = self._settle(axis, 1 if interrupted else self.max_rounds)
+            except KeyboardInterrupt:  # the other axes are brought along to what was reached
+                interrupted, left, done, self.watch = True, np.inf, False, None
+            error, settled = max(error, left), settled and done
         history = np.array(self.rows, HISTORY)
-        return SpringState((ux, uy, uz), converged, error, history, interrupted)
+        return SpringState(displacement, settled, error, history, interrupted)
 
-    def _balance(
-        self, axis: _Axis, u: NDArray[np.float64], bounded: NDArray[np.uint8]
-    ) -> tuple[float, int]:
-        """Move one axis towards equilibrium.
+    def _widen(
+        self,
+        level: LatticeLevel,
+        uz: NDArray[np.float64],
+        load_x: NDArray[np.float32],
+        load_y: NDArray[np.float32],
+    ) -> None:
+        """Loads along x and y: from cells that are squeezed along z, and from outside."""
+        stretch = np.zeros(uz.shape, np.float32)
+        lattice.cell_stretch(self.problem.modulus, uz, stretch)
+        lattice.stretch_loads(level.springs, level.span, stretch, load_x, load_y)
+        for force, load in zip(self.problem.force[:2], (load_x, load_y), strict=True):
+            if force is not None:
+                vectors.add_scaled(np.float32(1.0), force, load)
+
+    def _settle(self, axis: _Axis, max_rounds: int) -> tuple[float, bool]:
+        """Bring one axis to equilibrium.
 
         Returns
         -------
         error : float
             Estimate of the largest distance that is left, lattice units.
-        changes : int
-            How many nodes came under an obstacle's hold or left it.
+        settled : bool
+            Whether it is within the tolerance and no node came under a hold or left it.
         """
-        changes, force = axis.hold(u, bounded, SLACK * self.tolerance)
-        correction, error = conjugate_gradients(
-            axis.multigrid, force, 0.5 * self.tolerance, REDUCTION, 3
-        )
-        vectors.add_scaled(1.0, correction, u)
-        nodes = np.count_nonzero(self.problem.modulus)
-        row = np.array([(len(self.rows), nodes, axis.name, error, axis.held)], HISTORY)[0]
-        self.rows.append(row)
-        if self.watch is not None:
-            self.watch(row)
-        return error, changes
+        nodes, error = np.count_nonzero(self.problem.modulus), np.inf
+        for _ in range(max_rounds):
+            changes, force = axis.hold(SLACK * self.tolerance)
+            correction, error = conjugate_gradients(
+                axis.multigrid, force, 0.5 * self.tolerance, REDUCTION, 3
+            )
+            vectors.add_scaled(1.0, correction, axis.u)
+            row = np.array([(len(self.rows), nodes, axis.name, error, axis.held)], HISTORY)[0]
+            self.rows.append(row)
+            if self.watch is not None:
+                self.watch(row)
+            if changes == 0 and error <= self.tolerance:
+                axis.keep()
+                return error, True
+        return error, False
 
 
 class _Axis:
-    """One component: its load, the nodes an obstacle holds, and the multigrid without them."""
+    """One component of the displacement, the nodes an obstacle holds, the multigrid without them.
+
+    Parameters
+    ----------
+    name : str
+    u : ndarray of float64, [x, y, z]
+        It is moved in place.
+    load : ndarray of float32, optional
+    unheld : Multigrid
+        Of the lattice of which nothing is held but what is fixed.
+    hold_nodes : callable, optional
+        Kernel that finds the nodes an obstacle holds; None where there is none.
+    """
 
     def __init__(
         self,
         name: str,
-        base: LatticeLevel,
-        unheld: Multigrid,
+        u: NDArray[np.float64],
         load: NDArray[np.float32] | None,
-        lower: float,
-        upper: float,
+        unheld: Multigrid,
+        hold_nodes: Callable[..., int] | None,
     ) -> None:
-        self.name = name
-        self._base, self._unheld, self._load, self._bounds = base, unheld, load, (lower, upper)
-        self._contact = np.zeros(base.free.shape, np.int8)
-        self.held = 0
-        self.multigrid = unheld
+        self.name, self.u, self.held, self.multigrid = name, u, 0, unheld
+        self._load, self._unheld, self._hold_nodes = load, unheld, hold_nodes
+        self._base = unheld.finest
+        self._contact = np.zeros(u.shape if hold_nodes else (0, 0, 0), np.int8)
 
-    def hold(
-        self, u: NDArray[np.float64], bounded: NDArray[np.uint8], slack: float
-    ) -> tuple[int, NDArray[np.floating]]:
+    def hold(self, slack: float) -> tuple[int, NDArray[np.floating]]:
         """Find the nodes that an obstacle holds, and the force on all others.
 
         A few changes are left to the finest level: coarse operators that are a little out of date
@@ -221,25 +229,32 @@ class _Axis:
             Work space.
         """
         base, workspace = self._base, self.multigrid.workspace
-        force = workspace.array("force", u.shape)
-        base.residual(u, self._load, force)
-        if not np.isfinite(self._bounds).any():
+        force = workspace.array("force", self.u.shape)
+        base.residual(self.u, self._load, force)
+        if self._hold_nodes is None:
             return 0, force
-        direction = "xyz".index(self.name)
-        changes = int(
-            lattice.update_contact(
-                u, force, base.diagonal, base.free, bounded, direction, self._bounds,
-                slack, self._contact,
-            )
-        )  # fmt: skip
+        changes = int(self._hold_nodes(
+            u=self.u, force=force, diagonal=base.diagonal, free=base.free, slack=slack,
+            contact=self._contact,
+        ))  # fmt: skip
         if changes:
             self.held = int(np.count_nonzero(self._contact))
-            free = base.free * (self._contact == 0)
-            finest = replace(base, free=free)
+            finest = replace(base, free=base.free * (self._contact == 0))
             if self.multigrid is self._unheld or changes > STALE_PART * self.held:
                 self.multigrid = Multigrid(finest, workspace)
             else:
                 self.multigrid.replace_finest(finest)
         if self.held:
-            self.multigrid.finest.residual(u, self._load, force)
+            self.multigrid.finest.residual(self.u, self._load, force)
         return changes, force
+
+    def keep(self) -> None:
+        """Put what the last correction left beyond an obstacle back on it."""
+        if self._hold_nodes is not None:
+            force = self.multigrid.workspace.array("force", self.u.shape)
+            force.fill(0.0)
+            base, nowhere = self._base, np.zeros_like(self._contact)
+            self._hold_nodes(
+                u=self.u, force=force, diagonal=base.diagonal, free=base.free, slack=0.0,
+                contact=nowhere,
+            )  # fmt: skip

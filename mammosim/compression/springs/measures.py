@@ -90,7 +90,8 @@ def _contact(
     force = np.zeros(uz.shape, np.float32)
     LatticeLevel.of(problem).residual(uz, problem.force[2], force)
     z = np.arange(uz.shape[2]) + uz
+    between = np.arange(uz.shape[0])[:, None, None] > problem.edge
     contact = np.zeros(uz.shape, np.int8)
-    contact[(z >= problem.upper - TOUCH_VOXEL) & (force > 0.0)] = 1
-    contact[(z <= problem.lower + TOUCH_VOXEL) & (force < 0.0)] = -1
+    contact[between & (z >= problem.upper - TOUCH_VOXEL) & (force > 0.0)] = 1
+    contact[between & (z <= problem.lower + TOUCH_VOXEL) & (force < 0.0)] = -1
     return contact, force

@@ -165,7 +165,7 @@ class Multigrid:
     """
 
     def __init__(self, finest: LatticeLevel, workspace: Workspace) -> None:
-        self.workspace = workspace
+        self.workspace, self.finest = workspace, finest
         self.levels: list[Level] = [finest]
         while np.count_nonzero(self.levels[-1].free) > COARSEST_NODES:
             self.levels.append(self.levels[-1].coarsened())
@@ -177,14 +177,9 @@ class Multigrid:
         matrix[np.diag_indices_from(matrix)] *= 1.0 + DEPENDENT_SHIFT
         self._factor = scipy.linalg.cho_factor(matrix)
 
-    @property
-    def finest(self) -> Level:
-        """The level of the lattice itself."""
-        return self.levels[0]
-
     def replace_finest(self, finest: LatticeLevel) -> None:
         """Change which nodes move, leaving the coarse operators as they are."""
-        self.levels[0] = finest
+        self.levels[0] = self.finest = finest
         self._scale[0] = _inverse_where(finest.free, finest.diagonal)
 
     def precondition(self, load: Field) -> Field:

@@ -7,7 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim.compression.springs._plate_kernels import PlateSolids
+
 Forces = tuple[NDArray[np.float32] | None, NDArray[np.float32] | None, NDArray[np.float32] | None]
+
+EDGE_RADIUS = 3.0
+"""Of the plates' edge, lattice units: that of FDA's VICTRE paddle, 3 mm, at a spacing of 1 mm."""
 
 CHEST_WALL_INDEX = 1
 """x index of the first tissue layer: arrays have one layer of air around."""
@@ -28,7 +33,8 @@ class SpringProblem:
     lower, upper : float
         z of the faces of breast support and paddle.
     edge : float
-        x of the plates' edge: a node beyond it lies between the plates.
+        x of the plates' edge: nodes beyond it at rest stay between the plates, and those behind it
+        are stopped by their ends where they are higher than the faces.
     force : tuple of three (ndarray of float32 or None), [x, y, z]
         Force on each node along x, y and z from outside, kPa x lattice units: a force of F mN on a
         node of a lattice of spacing h mm is 9 F / h^2, in the scale of the springs (a spring of
@@ -37,6 +43,8 @@ class SpringProblem:
         Stiffness of each spring, kPa, in place of the smaller modulus of its two nodes: from a
         node to those of its 26 neighbours that lie ahead in the order ``9 (dx+1) + 3 (dy+1) +
         (dz+1)``; 0 where either is air. `modulus` then only says what is tissue.
+    edge_radius : float
+        Radius of the rounding between the plates' faces and their ends, lattice units.
     growth : ndarray of float32, [x, y, z], optional
         Enl of springs that stiffen as they are strained: a spring strained by e has the smaller
         ``modulus exp(growth e)`` of its two nodes. None: linear springs.
@@ -49,12 +57,20 @@ class SpringProblem:
     edge: float
     force: Forces = (None, None, None)
     stiffness: NDArray[np.float32] | None = None
+    edge_radius: float = EDGE_RADIUS
     growth: NDArray[np.float32] | None = None
 
     @property
     def tissue(self) -> NDArray[np.bool_]:
         """Nodes that are tissue."""
         return self.modulus > 0.0
+
+    @property
+    def plates(self) -> PlateSolids:
+        """The plates as kernels take them."""
+        return PlateSolids(
+            float(self.lower), float(self.upper), float(self.edge), float(self.edge_radius)
+        )
 
     def span(self) -> NDArray[np.int32]:
         """First and one past the last z index with tissue in each column, [x, y, 2]."""

@@ -3,7 +3,8 @@
 Each sweep visits all nodes in a random order of x, y and z and moves each to its local
 equilibrium. It stops where the mean |dx|, |dy| and |dz| of the nodes between the plates that touch
 neither are each below a limit. The printed listing lets a node that starts outside the gap pass
-through the plates, which makes the result depend on the path; here no node does.
+through the plates, and bounds whichever nodes lie under them at the moment, which makes the result
+depend on the path; here no node passes, and those that lie under them at rest are bounded.
 """
 
 from __future__ import annotations
@@ -64,9 +65,9 @@ def relax(
     rest = np.indices(problem.modulus.shape, dtype=np.float64)
     displacement = start.displacement if start is not None else series_start(problem)
     x, y, z = (place + u for place, u in zip(rest, displacement, strict=True))
-    plates = (problem.lower, problem.upper, problem.edge, float(CHEST_WALL_INDEX))
+    plates, chest = problem.plates, float(CHEST_WALL_INDEX)
     if not np.isfinite(problem.edge):  # no plates: every node counts
-        plates = (-np.inf, np.inf, -np.inf, float(CHEST_WALL_INDEX))
+        plates = plates._replace(edge=-np.inf)
     visited = np.zeros(problem.modulus.shape, np.uint8)
     mark_nodes(problem.modulus, problem.fixed, visited)
     springs = Springs(problem.modulus, problem.growth, problem.force, visited)
@@ -76,7 +77,7 @@ def relax(
     try:
         for number in range(1, max_sweeps + 1):
             orders = tuple(rng.permutation(np.arange(1, n - 1)) for n in problem.modulus.shape)
-            sweep(springs, x, y, z, orders, plates, sums)
+            sweep(springs, x, y, z, orders, plates, chest, sums)
             row = np.array([(number, *sums[:3], int(sums[3]))], HISTORY)[0]
             rows.append(row)
             if watch is not None:
