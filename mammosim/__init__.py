@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from mammosim.acquisition import Mammogram, expose
     from mammosim.compression import CompressedBreast, compress
     from mammosim.errors import InputError, Interrupted, MammosimError, NotConverged
+    from mammosim.export import load_path_lengths
     from mammosim.phantom import BreastPhantom, generate_phantom, read_phantom
     from mammosim.pipeline import RunConfig, Study, load_config, simulate
     from mammosim.projection import PathLengths, project
@@ -33,6 +34,7 @@ _HOMES = {
     "acquisition": ("Mammogram", "expose"),
     "compression": ("CompressedBreast", "compress"),
     "errors": ("InputError", "Interrupted", "MammosimError", "NotConverged"),
+    "export": ("load_path_lengths",),
     "phantom": ("BreastPhantom", "generate_phantom", "read_phantom"),
     "pipeline": ("RunConfig", "Study", "load_config", "simulate"),
     "projection": ("PathLengths", "project"),
@@ -57,6 +59,7 @@ __all__ = [
     "find_targets",
     "generate_phantom",
     "load_config",
+    "load_path_lengths",
     "project",
     "read_phantom",
     "simulate",

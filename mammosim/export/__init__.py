@@ -6,11 +6,11 @@ from mammosim.export.dicom import write_dicom
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask, label_image, lesion_masks
 from mammosim.export.matlab import write_matlab
+from mammosim.export.path_lengths import load_path_lengths, write_path_lengths
 from mammosim.export.pictures import (
     write_glandular_tiff,
     write_lesion_tiff,
     write_mammogram_tiff,
-    write_path_lengths,
     write_preview,
     write_stack_tiff,
 )
@@ -38,6 +38,7 @@ __all__ = [
     "convert_volume",
     "label_image",
     "lesion_masks",
+    "load_path_lengths",
     "series_geometry",
     "whole_file",
     "write_compressed",

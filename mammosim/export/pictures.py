@@ -1,4 +1,4 @@
-"""Pictures without patient data: 16-bit TIFF, label image, preview, path lengths."""
+"""Pictures without patient data: 16-bit TIFF, label image, preview."""
 
 from __future__ import annotations
 
@@ -127,22 +127,3 @@ def through_window(pixels: NDArray[np.generic], center: float, width: float) -> 
     """
     fraction = (pixels.astype(np.float64) - (center - 0.5)) / (width - 1.0) + 0.5
     return np.rint(255.0 * np.clip(fraction, 0.0, 1.0)).astype(np.uint8)
-
-
-def write_path_lengths(paths: PathLengths, path: str | PathLike[str]) -> None:
-    """Write the path length of every channel as a NumPy archive.
-
-    Its arrays: `tissues`, `materials`, `lesion_labels` (one entry a channel), `length_mm` and
-    `attenuating_mm` ([tissue, row, column]), `pixel_mm` and `focal_spot_mm` (gantry frame).
-    """
-    with whole_file(path) as part:
-        np.savez_compressed(
-            part,
-            tissues=np.array(paths.tissues),
-            materials=np.array(paths.materials),
-            lesion_labels=np.array(paths.lesion_labels, dtype=np.int64),
-            length_mm=paths.length_mm,
-            attenuating_mm=paths.attenuating_mm,
-            pixel_mm=np.float64(paths.pixel_mm),
-            focal_spot_mm=paths.gantry.focal_spot_mm,
-        )

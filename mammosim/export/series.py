@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition import Tomosynthesis
+from mammosim.export.path_lengths import write_path_lengths
 from mammosim.export.pictures import (
     write_glandular_tiff,
-    write_path_lengths,
     write_preview,
     write_stack_tiff,
 )

@@ -15,11 +15,11 @@ from mammosim.export.dicom import write_dicom
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import lesion_masks
 from mammosim.export.matlab import write_matlab
+from mammosim.export.path_lengths import write_path_lengths
 from mammosim.export.pictures import (
     write_glandular_tiff,
     write_lesion_tiff,
     write_mammogram_tiff,
-    write_path_lengths,
     write_preview,
 )
 from mammosim.export.segmentation import write_segmentation
