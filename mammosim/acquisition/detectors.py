@@ -55,9 +55,12 @@ class Detector:
         return gauss / (1.0 + self.blur_mm * frequency_per_mm + self.blur_mm2 * f2)
 
 
-# Selenium: 200 um, 50 eV a pair, Swank 0.99 and 5200 electrons (260 keV) a pixel are VICTRE's
-# (Badano et al. 2018). sigma 0.018 mm makes the whole MTF of a 70 um pixel 0.46 at Nyquist, as
-# measured detectors have above 0.40 (Marshall, Monnin et al. 2011).
+# Selenium: 200 um, 50 eV a pair and Swank 0.99 are VICTRE's (Badano et al. 2018). sigma 0.018 mm
+# makes the whole MTF of a 70 um pixel 0.46 at Nyquist, as measured detectors have above 0.40
+# (Marshall, Monnin et al. 2011). Electronic noise of 130 keV (2600 electrons) a pixel lets the DQE
+# of 85 um pixels fall by a fifth from 6 to 0.4 mR, as Zhao, Zhao & co-workers measured (2008, Med
+# Phys 35:1978); with VICTRE's 5200 electrons it would fall by half. Pixels of 70 um are taken to
+# have the same.
 _SELENIUM = Detector(
     name="a-Se-70",
     material="Se",
@@ -66,7 +69,7 @@ _SELENIUM = Detector(
     blur_mm=0.0,
     blur_mm2=0.0,
     blur_sigma_mm=0.018,
-    electronic_noise_kev=260.0,
+    electronic_noise_kev=130.0,
     structure_noise=0.002,
 )
 
@@ -76,10 +79,11 @@ DETECTORS: MappingProxyType[str, Detector] = MappingProxyType(
         for detector in (
             _SELENIUM,
             replace(_SELENIUM, name="a-Se-85"),
-            # Measured MTF of CsI at 100 um pixels: 0.73, 0.42, 0.28 at 2, 4, 5 per mm, divided by
-            # the aperture's sinc (0.935, 0.757, 0.637) and fitted: within 0.03. Thickness at full
-            # density and Swank factor make DQE(0) about 0.6 (Monnin et al. 2007, Med Phys 34:906);
-            # makers publish neither. Electronic noise is taken from selenium.
+            # Vedantham et al. 2000, Med Phys 27:558, on a prototype of 100 um pixels. MTF 0.73,
+            # 0.42, 0.28 at 2, 4, 5 per mm, divided by the aperture's sinc (0.935, 0.757, 0.637)
+            # and fitted: within 0.03. DQE near frequency 0 for Mo/Mo 28 kV behind 45 mm Lucite of
+            # 0.55 at 32.8 mR and 0.40 at 1.3 mR: thickness at full density, Swank factor and
+            # electronic noise, which makers do not publish, give 0.55 and 0.42.
             Detector("CsI-100", "CsI", 0.100, 0.87, 0.0815, 0.0298, 0.0, 260.0, 0.002),
         )
     }

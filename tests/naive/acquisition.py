@@ -75,3 +75,35 @@ def scatter(primary_signal, thickness_mm, cell_mm, kernel_of):
                     part = kernel_of(thickness_mm[i, j], r).mean() * cell_mm**2
                     out[k, m] += primary_signal[i, j] * part
     return out
+
+
+def edge_paths(pixel_mm, size=260, angle_deg=2.0, material="titanium", length_mm=0.3):
+    """A plate that lets a tenth through; its slanted edge runs down the middle of a square."""
+    row, column = np.indices((size, size))
+    slope = np.tan(np.radians(angle_deg))
+    beyond = column - size / 2 > slope * (row - size / 2)
+    return body_paths({material: beyond * length_mm}, pixel_mm=pixel_mm)
+
+
+def slab_paths(pixel_mm, length_mm, size=512, material="adipose", **keys):
+    """A slab over the whole picture, its length along every ray the same."""
+    return body_paths({material: np.full((size, size), length_mm)}, pixel_mm=pixel_mm, **keys)
+
+
+def disc_paths(pixel_mm, thickness_mm=50.0, disc_mm=4.0, radius_mm=8.0, size=400):
+    """A slab of fat in which a disc of gland has taken the place of some of it."""
+    at = (np.arange(size) + 0.5 - size / 2) * pixel_mm
+    inside = np.hypot(at[:, None], at[None, :]) < radius_mm
+    lengths = {"adipose": thickness_mm - disc_mm * inside, "gland": disc_mm * inside}
+    return body_paths(lengths, pixel_mm=pixel_mm, thickness_mm=thickness_mm)
+
+
+def semicircle_paths(diameter_cm, thickness_cm, pixel_mm=1.0, margin_mm=20.0):
+    """A homogeneous semicircular breast at the chest-wall edge, as scatter was tabulated for."""
+    side = math.ceil((5.0 * diameter_cm + margin_mm) / pixel_mm)
+    inside = half_disc((2 * side, side), pixel_mm, 5.0 * diameter_cm)
+    return body_paths(
+        {"adipose": inside * 5.0 * thickness_cm, "gland": inside * 5.0 * thickness_cm},
+        pixel_mm=pixel_mm,
+        thickness_mm=10.0 * thickness_cm,
+    )
