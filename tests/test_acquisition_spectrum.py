@@ -3,7 +3,8 @@ import pytest
 
 from mammosim.acquisition import tube
 from mammosim.acquisition.attenuation import BEAM_MATERIALS, attenuation_per_mm
-from mammosim.acquisition.spectrum import make_beam
+from mammosim.acquisition.spectrum import FILTER_MM, make_beam
+from mammosim.acquisition.tube import TARGETS
 from mammosim.errors import InputError
 
 # mm Al behind 3 mm polycarbonate and 1 m of air, SpekPy's filters, 25, 28, 31 kV; and the typical
@@ -24,6 +25,22 @@ def test_half_value_layers(target, filter):
     # 0.002: filters are attenuated with xraylib here, with NIST's interpolated tables there
     np.testing.assert_allclose(found, spekpy_mm, atol=0.002)
     np.testing.assert_allclose(found, guideline_mm, atol=tolerance_mm)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("filter", FILTER_MM)
+def test_every_target_with_every_filter(target, filter):
+    """A beam within the voltage, harder at more of it; its K-edge filter cuts what lies above."""
+    low, high = (make_beam(target, filter, kvp) for kvp in (25.0, 35.0))
+    assert 10.0 < low.mean_energy_kev < high.mean_energy_kev < 30.0
+    assert low.energy_kev.max() <= 25.0
+    assert 0.2 < low.hvl_mm_al < high.hvl_mm_al < 1.0
+    edge = {"Mo": 20.00, "Rh": 23.22, "Ag": 25.51}.get(filter)  # keV, K-edges
+    if edge:
+        below = (high.energy_kev > edge - 1.0) & (high.energy_kev < edge - 0.3)
+        above = (high.energy_kev > edge + 0.3) & (high.energy_kev < edge + 1.0)
+        fluence = high.fluence_mm2_mas
+        assert fluence[above].mean() < 0.6 * fluence[below].mean()
 
 
 def test_half_value_layer_halves_air_kerma():
@@ -79,6 +96,13 @@ def test_spectrum_from_a_file(tmp_path):
         ("a b\n", "not two columns of numbers"),
         ("20 1\n19 1\n", "expected rising energies"),
         ("19 1\n20 -1\n", "fluences that are not negative"),
+        ("19 1\n20 inf\n", "fluences that are not negative"),
+        ("19 nan\n20 1\n", "fluences that are not negative"),
+        ("19 0\n20 0\n", "fluences that are not negative"),
+        ("0.5 1\n20 1\n", "rising energies of 1 to 150 keV"),
+        ("", "expected two columns and two rows"),
+        ("20 1\n", "expected two columns and two rows"),
+        ("20;1\n21;1\n", "not two columns of numbers"),
     ],
 )
 def test_faulty_spectrum_files(tmp_path, text, message):
@@ -86,6 +110,21 @@ def test_faulty_spectrum_files(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         make_beam("W", "Rh", 28.0, spectrum_file=str(path))
+
+
+def test_voltage_of_a_spectrum_file(tmp_path):
+    path = tmp_path / "line.txt"
+    path.write_text("20.0 1e6\n27.75 1e3\n29.0 0\n")
+    assert make_beam("W", "Rh", spectrum_file=str(path)).kvp == 27.75
+    assert make_beam("W", "Rh", 28.0, spectrum_file=str(path)).kvp == 28.0
+    with pytest.raises(InputError, match=r"photons of 27\.75 keV, which a tube at .*kvp 25 cannot"):
+        make_beam("W", "Rh", 25.0, spectrum_file=str(path))
+    with pytest.raises(InputError, match=r"acquisition\.kvp: left out, must be given"):
+        make_beam("W", "Rh")
+    binary = tmp_path / "binary.txt"
+    binary.write_bytes(bytes(range(256)))
+    with pytest.raises(InputError, match="not two columns of numbers"):
+        make_beam("W", "Rh", spectrum_file=str(binary))
 
 
 def test_faulty_technique(tmp_path):
