@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.acquisition.tube import ANODE_ANGLE_DEG, tube_fluence
+from mammosim.acquisition.tube import tube_fluence
 
 # Tubes of 16 degrees are tilted by about 6, so that the field's chest-wall edge sees the anode at
 # 22 degrees and its far edge still sees it (Bushberg et al., The Essential Physics of Medical
 # Imaging, 3rd ed., ch. 8). The tube's axis then meets a detector at 650 mm 68 mm in front of
 # the chest wall, next to the point where beams are measured (60 mm).
 TUBE_TILT_DEG = 6.0
-NODE_DEG = 2.0  # between these angles emission is taken to be linear in the angle
-STEEPEST_DEG = ANODE_ANGLE_DEG - 0.5  # rays nearer to the anode's face get what this one has
+# Angles with the tube's axis, degrees, at which SpekPy is asked: close together near the anode's
+# face (16 degrees), where emission falls fast; linear between them. Beyond the last it is held.
+NODES_DEG = (-6.0, -3.0, 0.0, 3.0, 6.0, 8.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 15.5)
 
 
 def heel_ratio(
@@ -39,21 +40,17 @@ def heel_ratio(
     right angles. The direction along the chest wall hardly matters and is left out.
     """
     towards_anode = np.degrees(np.arctan(tangent)) - TUBE_TILT_DEG
-    nodes = np.append(np.arange(-TUBE_TILT_DEG, STEEPEST_DEG, NODE_DEG), STEEPEST_DEG)
     tube_energy, axis = tube_fluence(target, kvp)
     some = axis > 0.0
-    at_nodes = [
+    at_nodes = np.array([
         np.interp(
-            energy_kev,
-            tube_energy[some],
-            tube_fluence(target, kvp, float(node))[1][some] / axis[some],
+            energy_kev, tube_energy[some], tube_fluence(target, kvp, node)[1][some] / axis[some]
         )
-        for node in nodes
-    ]
-    position = np.clip((towards_anode - nodes[0]) / NODE_DEG, 0.0, None)
-    lower = np.minimum(position.astype(np.int64), nodes.size - 2)
-    step = nodes[lower + 1] - nodes[lower]
-    share = np.clip((towards_anode - nodes[lower]) / step, 0.0, 1.0)[:, None]
-    table = np.array(at_nodes)
-    ratio: NDArray[np.float64] = (1.0 - share) * table[lower] + share * table[lower + 1]
+        for node in NODES_DEG
+    ])  # fmt: skip
+    nodes = np.array(NODES_DEG)
+    lower = np.clip(np.searchsorted(nodes, towards_anode) - 1, 0, nodes.size - 2)
+    share = (towards_anode - nodes[lower]) / (nodes[lower + 1] - nodes[lower])
+    share = np.clip(share, 0.0, 1.0)[:, None]
+    ratio: NDArray[np.float64] = (1.0 - share) * at_nodes[lower] + share * at_nodes[lower + 1]
     return ratio
