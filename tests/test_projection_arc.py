@@ -214,4 +214,6 @@ def test_a_picture_larger_than_memory_is_refused_before_anything_is_read():
         check_memory(
             ProjectionSettings(pixel_mm=1e-6, detector_mm=(40.0, 20.0), conserve_mass=False)
         )
-    check_memory(ProjectionSettings(pixel_mm=0.1))
+    with pytest.raises(InputError, match=r"for 6 images and 200 projections of 24\d\d\d\d x"):
+        check_memory(ProjectionSettings(pixel_mm=0.001), projections=200)
+    check_memory(ProjectionSettings(pixel_mm=0.1), projections=200)

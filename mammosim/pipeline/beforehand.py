@@ -40,11 +40,15 @@ def check_settings(config: RunConfig) -> None:
     """
     problems: list[str] = []
     for view in config.views:
-        for check, section in ((check_memory, "projection"), (check_acquisition, "acquisition")):
-            try:
-                check(config.section_for(view, section))
-            except InputError as error:
-                problems += error.problems
+        projections = view.dbt.projections if view.dbt else 0
+        try:
+            check_memory(config.section_for(view, "projection"), projections=projections)
+        except InputError as error:
+            problems += error.problems
+        try:
+            check_acquisition(config.section_for(view, "acquisition"))
+        except InputError as error:
+            problems += error.problems
     if problems:
         raise InputError(dict.fromkeys(problems))
 

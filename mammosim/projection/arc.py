@@ -91,6 +91,7 @@ def project_arc(
     )
     mapped, channels = voxel_map(squeezed), channels_of(squeezed.phantom)
     upright = place_detector(squeezed, mapped, settings, sweep)
-    check_memory(settings, (upright.rows, upright.columns), len(channels))
+    shape = upright.rows, upright.columns
+    check_memory(settings, shape, len(channels), sweep.projections)
     gantries = tuple(replace(upright, tube_angle_deg=angle) for angle in sweep.angles_deg)
     return Arc(squeezed, gantries, sweep, mapped, channels, settings.conserve_mass)

@@ -21,6 +21,7 @@ from mammosim.projection.detector_field import (
 from mammosim.projection.settings import ProjectionSettings
 
 BYTES_A_LENGTH = 4  # single precision
+BYTES_A_RECORD = 2  # 16 bits
 FEWEST_CHANNELS = 3  # fat, gland and skin: hardly a phantom has fewer
 NOT_BREAST = ("air", "muscle")
 MOST_PLANES = 100  # sampled of a phantom: neighbouring planes have nearly the same outline
@@ -30,6 +31,7 @@ def check_memory(
     settings: ProjectionSettings,
     shape: tuple[int, int] | None = None,
     channels: int = FEWEST_CHANNELS,
+    projections: int = 0,
 ) -> None:
     """Refuse a picture whose path lengths this machine cannot hold.
 
@@ -40,6 +42,8 @@ def check_memory(
         Rows and columns; left out: those of the smallest allowed format.
     channels : int
         Materials and lesions, each traced apart.
+    projections : int
+        Projections of a series, which are kept together once they are recorded.
 
     Raises
     ------
@@ -50,12 +54,13 @@ def check_memory(
         height, width = formats_mm(settings)[0]
         shape = pixels_of(height, settings.pixel_mm), pixels_of(width, settings.pixel_mm)
     images = channels * (2 if settings.conserve_mass else 1)
-    needed = BYTES_A_LENGTH * images * shape[0] * shape[1]
+    needed = (BYTES_A_LENGTH * images + BYTES_A_RECORD * projections) * shape[0] * shape[1]
     installed = _installed_memory()
     if needed > installed:
+        series = f" and {projections} projections" if projections else ""
         raise InputError(
             f"projection.pixel_mm: found {settings.pixel_mm:g}, which needs {needed / 1e9:.1f} GB "
-            f"for {images} images of {shape[0]} x {shape[1]} pixels; this machine has "
+            f"for {images} images{series} of {shape[0]} x {shape[1]} pixels; this machine has "
             f"{installed / 1e9:.1f} GB: take larger pixels or a smaller detector"
         )
 
