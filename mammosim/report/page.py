@@ -16,6 +16,7 @@ from mammosim.report.figures import convergence_svg
 from mammosim.report.hanging import ReportedView, hanging, is_lesion, targets_of
 from mammosim.report.markers import shift_arrows
 from mammosim.report.quantities import NOT_KNOWN, number, quantity
+from mammosim.report.realism import realism
 from mammosim.report.settings import ReportSettings
 from mammosim.targets import Target
 
@@ -77,6 +78,7 @@ def render_report(
         compression=_compression_rows(ordered),
         convergence=_convergence(ordered),
         exposed=[view.squeezed.view.folder for view in ordered if view.mammogram],
+        realism=_realism_rows(ordered),
         exposure=_exposure_rows([view.mammogram for view in ordered if view.mammogram]),
         record=record,
         settings_text=json.dumps(record.get("settings"), indent=2, ensure_ascii=False, default=str),
@@ -216,3 +218,12 @@ def _exposure_rows(mammograms: Sequence[Mammogram]) -> list[tuple[str, str, list
         ("Mean glandular dose", "mGy", [number(m.dose_mgy, 2) for m in mammograms]),
     ]
     return rows + _measure_rows([m.measures for m in mammograms])
+
+
+def _realism_rows(views: Sequence[ReportedView]) -> list[dict[str, Any]]:
+    """One row a quantity, with what each exposed view has of it."""
+    of_view = [realism(view.squeezed, view.mammogram) for view in views if view.mammogram]
+    return [
+        {"name": row[0].name, "unit": row[0].unit, "source": row[0].source, "findings": row}
+        for row in zip(*of_view, strict=True)
+    ]

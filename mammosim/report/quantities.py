@@ -17,6 +17,14 @@ _SCALE = {"mm2": 1e-2, "mm3": 1e-3}
 
 _NAMES = {"force_n": "Force on the paddle"}
 
+# Keys whose ending is no unit.
+_WHOLE = {
+    "dose_factor_g": "Dose factor g",
+    "dose_factor_c": "Dose factor c",
+    "dose_factor_s": "Dose factor s",
+    "counts_per_kev": "Counts per keV/mm²",
+}
+
 NOT_KNOWN = "–"
 """Printed where a value is missing."""
 
@@ -36,7 +44,11 @@ def quantity(key: str, values: Iterable[float | None]) -> tuple[str, str, list[s
     ('Contact area', 'cm²', ['81.23', '–'])
     >>> quantity("inverted_cells", [3.0])
     ('Inverted cells', '', ['3'])
+    >>> quantity("dose_factor_s", [1.042])
+    ('Dose factor s', '', ['1.042'])
     """
+    if key in _WHOLE:
+        return _WHOLE[key], "", [number(value) for value in values]
     stem, _, ending = key.rpartition("_")
     unit = _UNITS.get(ending, "") if stem else ""
     words = (stem if unit else key).replace("_", " ")
