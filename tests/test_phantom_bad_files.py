@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import gzip
+import struct
 import tracemalloc
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pydicom
 import pytest
 import SimpleITK as sitk
+import tifffile
 from make_volumes import (
     FORMATS,
     ORIGIN,
     SERIES,
     save,
+    save_series,
+    save_vctx,
     save_victre,
     small_breast,
+    vctx_description,
     victre_header,
 )
 
@@ -277,3 +286,333 @@ def test_many_unknown_labels_are_counted(tmp_path):
     np.save(tmp_path / "b.npy", np.arange(3000, 3125).reshape(5, 5, 5))
     with pytest.raises(InputError, match="and 105 more labels"):
         read_phantom(tmp_path / "b.npy")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [(("sizes: 7 9 11", "sizes: 7000 9000 11000"), r"bytes cannot hold the 693000000000 bytes"),
+     (("sizes: 7 9 11", "sizes: 7 9 12"), "bytes cannot hold the 756 bytes|truncated or damaged"),
+     (("sizes: 7 9 11", "sizes: 7 9"), "cannot be read, truncated or not its format"),
+     (("type: unsigned char", "type: block"), "cannot be read, truncated or not its format"),
+     (("encoding: gzip", "encoding: zip"), "encoding is 'zip', expected one of raw, gzip"),
+     (("(0.5,0,0)", "(nan,0,0)"), "cannot be read|voxel size is|oblique"),
+     (("encoding: gzip", "encoding: gzip\nbyte skip: 2x"), "byte skip is '2x', expected a who"),
+     (("encoding: gzip", "encoding: gzip\ndata file: ../b.raw"), "expected one file beside the he"),
+     (("encoding: gzip", "encoding: gzip\ndata file: /etc/passwd"), "expected one file beside the"),
+     (("encoding: gzip", "encoding: gzip\ndata file: LIST"), "expected one file beside the header"),
+     (("encoding: gzip", "encoding: gzip\ndata file: x%03d.raw 1 5 1"), "expected one file beside"),
+     (("encoding: gzip", "encoding: gzip\ndata file: no.raw"), "no.raw does not exist"),
+     (("NRRD000", "NRRX000"), "its first line is not 'NRRD000' and a number")],
+)  # fmt: skip
+def test_nrrd_headers_that_lie(tmp_path, changes, message):
+    path = save(tmp_path / "b.nrrd", small_breast())
+    header, _, voxels = path.read_bytes().partition(b"\n\n")
+    # ITK writes x from right to left: the breast's x axis is posterior reversed.
+    text = header.decode().replace("(0,-0.5,0)", "(0.5,0,0)").replace("(0.75,0,0)", "(0,0.75,0)")
+    changed = text.replace(*changes)
+    assert changed != text
+    path.write_bytes(changed.encode() + b"\n\n" + voxels)
+    with pytest.raises(InputError, match=message):
+        read_phantom(path)
+
+
+@pytest.mark.parametrize(
+    ("at", "form", "value", "message"),
+    [(40, "8h", (3, 7, 9, 12, 1, 1, 1, 1), "1045 bytes cannot hold the 1108 bytes"),
+     (40, "8h", (3, 30000, 30000, 30000, 1, 1, 1, 1), r"bytes cannot hold the 270000+352 bytes"),
+     (40, "8h", (3, -7, 9, 11, 1, 1, 1, 1), "its header cannot be used"),
+     (40, "8h", (5, 7, 9, 11, 1, 3, 1, 1), "cannot hold|values a voxel|holds 1045 bytes"),
+     (72, "h", (0,), "its header cannot be used"),
+     (76, "8f", (1, 0.5, float("nan"), 1, 0, 0, 0, 0), r"voxel size is \[0.5, nan, 1.0\] mm"),
+     (76, "8f", (1, 0.5, -0.75, 1, 0, 0, 0, 0), "expected three positive numbers"),
+     (108, "f", (-4.0,), "its header cannot be used"),
+     (108, "f", (float("nan"),), "its header cannot be used"),
+     (0, "i", (349,), "not a whole NIfTI file, its header cannot be used")],
+)  # fmt: skip
+def test_nifti_headers_that_lie(tmp_path, at, form, value, message):
+    path = save(tmp_path / "b.nii", small_breast())
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<" + form, content, at, *value)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        read_phantom(path)
+
+
+def test_nifti_without_qform_and_sform_does_not_say_its_axes(tmp_path):
+    path = save(tmp_path / "b.nii", small_breast())
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<2h", content, 252, 0, 0)
+    path.write_bytes(content)
+    assert any("does not say how its axes lie" in note for note in read_phantom(path).notes)
+
+
+@pytest.mark.parametrize("shape", ["(700, 900, 1100)", "(7, 9, 12)", "(10000000000, 7, 9)"])
+@pytest.mark.parametrize("suffix", [".npy", ".npz"])
+def test_numpy_headers_that_lie(tmp_path, suffix, shape):
+    path = save(tmp_path / f"b{suffix}", small_breast())
+    if suffix == ".npz":
+        with zipfile.ZipFile(path) as archive:
+            content = {name: archive.read(name) for name in archive.namelist()}
+        content["labels.npy"] = _with_shape(content["labels.npy"], shape)
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, part in content.items():
+                archive.writestr(name, part)
+    else:
+        path.write_bytes(_with_shape(path.read_bytes(), shape))
+    with _no_more_than(4 << 20), pytest.raises(InputError, match=r"b\.np"):
+        read_phantom(path)
+
+
+def _with_shape(npy: bytes, shape: str) -> bytes:
+    start = npy.index(b"(7, 9, 11)")
+    line_end = npy.index(b"\n")
+    header = npy[:line_end].replace(b"(7, 9, 11)", shape.encode())
+    assert npy[start] == ord("(")
+    return header.rstrip(b" ").ljust(line_end) + npy[line_end:]
+
+
+@contextmanager
+def _no_more_than(most_bytes: int) -> Iterator[None]:
+    """Nothing beyond the file's honest size is allocated."""
+    tracemalloc.start()
+    try:
+        yield
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < most_bytes
+
+
+def test_npz_with_pickled_objects_or_large_companions(tmp_path):
+    path = tmp_path / "b.npz"
+    np.savez(path, labels=np.array([[[{}]]], dtype=object), voxel_mm=1.0, origin_mm=ORIGIN)
+    with pytest.raises(InputError, match="holds object voxels, expected whole numbers"):
+        read_phantom(path)
+    np.savez(path, labels=small_breast(), voxel_mm=np.ones(5000), origin_mm=ORIGIN)
+    with pytest.raises(InputError, match="voxel_mm holds more than three numbers"):
+        read_phantom(path)
+
+
+# --- OpenVCT
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [({"X": "70000", "Y": "90000"}, r"holds 693 bytes of voxels, expected 69300000000 from Ph"),
+     ({"Z": "12"}, "holds 693 bytes of voxels, expected 756 from Phantom.xml"),
+     ({"X": "-7"}, "Voxel_Array/VOXEL_NUM/X is '-7', expected a whole number"),
+     ({"X": "7.5"}, "is '7.5', expected a whole number"),
+     ({"Y": "0"}, r"its size is \[7, 0, 11\] voxels"),
+     ({"SX": "nan"}, r"voxel size is \[nan, 0.75, 1.0\] mm, expected three positive"),
+     ({"SY": "thin"}, "Voxel_Array/VOXEL_SIZE_MM/Y is 'thin', expected a number"),
+     ({"order": "Z | Y | X"}, "VOXEL_ARRAY_ORDER is 'Z | Y | X', expected 'X | Y | Z'"),
+     ({"bits": "16"}, "of 16 bits, expected one byte a voxel"),
+     ({"type": "V_INT16"}, "its voxels are V_INT16 of 8 bits")],
+)  # fmt: skip
+def test_openvct_descriptions_that_lie(tmp_path, changes, message):
+    description = vctx_description((7, 9, 11), **changes)
+    path = save_vctx(tmp_path / "b.vctx", small_breast(), description)
+    with _no_more_than(4 << 20), pytest.raises(InputError, match=message):
+        read_phantom(path)
+
+
+@pytest.mark.parametrize(
+    ("materials", "message"),
+    [({0: [("Kryptonite", 1, 1)]}, r"index 0 is 'Kryptonite', expected one of air, adipose"),
+     ({0: []}, "index 0 has no material"),
+     ({0: [("Air", "nan", 1)]}, "a weight or density that is not finite"),
+     ({"a": [("Air", 1, 1)]}, "Index_ID is 'a', expected a whole number"),
+     ({0: [("Air", 1, 1)], 1: [("Adipose", 1, 1)]}, "label 29 .* is not in the label map"),
+     ({}, "has no Index_Table that says what each value is")],
+)  # fmt: skip
+def test_openvct_tables_that_cannot_be_used(tmp_path, materials, message):
+    description = vctx_description((7, 9, 11), materials)
+    with pytest.raises(InputError, match=message):
+        read_phantom(save_vctx(tmp_path / "b.vctx", small_breast(), description))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("<VCT_Phantom>", "its Phantom.xml cannot be read"),
+     ("<VCT_Phantom/>", "Phantom.xml has no Voxel_Array/VOXEL_NUM/X"),
+     ("\x00\xff", "its Phantom.xml cannot be read"),
+     ('<!DOCTYPE a [<!ENTITY b "c">]><VCT_Phantom>&b;</VCT_Phantom>', "it holds declarations")],
+)  # fmt: skip
+def test_openvct_descriptions_that_are_none(tmp_path, text, message):
+    with pytest.raises(InputError, match=message):
+        read_phantom(save_vctx(tmp_path / "b.vctx", small_breast(), text))
+
+
+@pytest.mark.parametrize("name", ["../Phantom.dat", "/Phantom.dat", "..\\..\\b/Phantom.dat"])
+def test_openvct_path_tricks_lead_nowhere(tmp_path, name):
+    """Entries are read in place: where their names point to is not touched."""
+    (tmp_path / "in").mkdir()
+    path = save_vctx(tmp_path / "in" / "b.vctx", small_breast(), names=(name, "b/Phantom.xml"))
+    np.testing.assert_array_equal(read_phantom(path).labels, small_breast())
+    assert [item.name for item in tmp_path.rglob("*")] == ["in", "b.vctx"]
+
+
+@pytest.mark.parametrize(
+    "names", [("b/Phantom.dat", "b/x.xml"), ("b/x", "b/Phantom.xml"), ("a", "b")]
+)
+def test_openvct_without_a_part(tmp_path, names):
+    with pytest.raises(InputError, match=r"holds 0 entries Phantom\.(dat|xml) among"):
+        read_phantom(save_vctx(tmp_path / "b.vctx", small_breast(), names=names))
+
+
+def test_openvct_with_two_of_a_part(tmp_path):
+    path = save_vctx(tmp_path / "b.vctx", small_breast())
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("c/Phantom.dat", b"")
+    with pytest.raises(InputError, match=r"holds 2 entries Phantom\.dat"):
+        read_phantom(path)
+
+
+def test_an_openvct_bomb_is_not_unpacked(tmp_path):
+    path = tmp_path / "b.vctx"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("b/Phantom.dat", bytes(64 << 20))
+        archive.writestr("b/Phantom.xml", vctx_description((7, 9, 11)))
+    with _no_more_than(4 << 20), pytest.raises(InputError, match="holds 67108864 bytes of voxels"):
+        read_phantom(path)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("b/Phantom.dat", bytes(693))
+        archive.writestr("b/Phantom.xml", b" " * (20 << 20))
+    with _no_more_than(48 << 20), pytest.raises(InputError, match="longer than 16777216 bytes"):
+        read_phantom(path)
+
+
+def test_an_openvct_archive_whose_directory_lies(tmp_path):
+    """The zip directory says 693 bytes, the stream holds 64 MB."""
+    path = tmp_path / "b.vctx"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("b/Phantom.dat", bytes(64 << 20))
+        archive.writestr("b/Phantom.xml", vctx_description((7, 9, 11)))
+    content = path.read_bytes().replace(struct.pack("<I", 64 << 20), struct.pack("<I", 693))
+    path.write_bytes(content)
+    with _no_more_than(4 << 20), pytest.raises(InputError, match=r"b\.vctx"):
+        read_phantom(path)
+
+
+# --- DICOM series
+
+
+def files_of(folder: Path) -> list[Path]:
+    return sorted(folder.iterdir(), key=lambda p: pydicom.dcmread(p).InstanceNumber)
+
+
+def test_a_missing_slice_is_seen_from_the_gap(tmp_path):
+    folder = save_series(tmp_path / SERIES, small_breast())
+    files_of(folder)[4].unlink()
+    with pytest.raises(InputError, match=r"lie 2 mm apart, others 1 mm: 1 missing between them"):
+        read_phantom(folder)
+
+
+def test_a_double_slice_is_seen_from_the_gap(tmp_path):
+    folder = save_series(tmp_path / SERIES, small_breast())
+    (folder / "copy.dcm").write_bytes(files_of(folder)[4].read_bytes())
+    with pytest.raises(InputError, match=r"lie 0 mm apart, others 1 mm: a slice is there twice"):
+        read_phantom(folder)
+
+
+@pytest.mark.parametrize("number", [0, 5, None])
+def test_missing_and_double_slices_by_their_numbers(tmp_path, number):
+    folder = save_series(tmp_path / SERIES, small_breast(), ImagePositionPatient=None)
+    file = files_of(folder)[6]
+    dataset = pydicom.dcmread(file)
+    if number is None:
+        del dataset.InstanceNumber
+    else:
+        dataset.InstanceNumber = number
+    dataset.save_as(file)
+    message = {0: "6 is followed by 8: 1 missing between them", 5: "both have InstanceNumber 5",
+               None: "has neither ImagePositionPatient nor InstanceNumber"}[number]  # fmt: skip
+    with pytest.raises(InputError, match=message):
+        read_phantom(folder)
+
+
+@pytest.mark.parametrize(
+    ("tag", "value", "message"),
+    [("SeriesInstanceUID", "9.9", r"holds 2 series \(10 of 1.2.3, 1 of 9.9\), expected one"),
+     ("ImagePositionPatient", [-20, -3, 14.9], "its slices lie .* apart, expected equal distances"),
+     ("ImagePositionPatient", [-20, -3, "nan"], "numbers that are not finite|damaged DICOM header"),
+     ("PixelSpacing", [0.75, 0.6], "PixelSpacing is .0.75, 0.6., but .0.75, 0.5."),
+     ("ImageOrientationPatient", [1, 0, 0, 0, 1, 0], "ImageOrientationPatient is"),
+     ("Rows", 5, "size is .7, 5., but .7, 9."),
+     ("RescaleIntercept", 3, "rescaling is .1.0, 3.0., but .1.0, 0.0."),
+     ("NumberOfFrames", 3, "holds 3 frames with 1 values a pixel, expected one slice"),
+     ("SamplesPerPixel", 3, "holds 1 frames with 3 values a pixel")],
+)  # fmt: skip
+def test_a_slice_that_does_not_belong(tmp_path, tag, value, message):
+    folder = save_series(tmp_path / SERIES, small_breast())
+    file = files_of(folder)[2]
+    dataset = pydicom.dcmread(file)
+    setattr(dataset, tag, value)
+    dataset.save_as(file)
+    with pytest.raises(InputError, match=message):
+        read_phantom(folder)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [({"PixelSpacing": [0.0, 0.5]}, "expected three positive numbers"),
+     ({"PixelSpacing": ["nan", 0.5]}, "expected three positive numbers|damaged DICOM header"),
+     ({"ImageOrientationPatient": [1, 0, 0, 1, 0, 0]}, "expected two unit vectors at right angles"),
+     ({"ImageOrientationPatient": [0, 0.6, 0.8, 1, 0, 0]}, "shifted against each other|oblique"),
+     ({"BitsAllocated": 64}, "its pixels have 64 bits, expected whole numbers of 8, 16 or 32"),
+     ({"Rows": 60000, "Columns": 60000}, "bytes cannot hold the 3600000000 bytes")],
+)  # fmt: skip
+def test_series_that_cannot_be_used(tmp_path, changes, message):
+    folder = save_series(tmp_path / SERIES, small_breast(), **changes)
+    with _no_more_than(8 << 20), pytest.raises(InputError, match=message):
+        read_phantom(folder)
+
+
+def test_a_folder_without_pictures(tmp_path):
+    (tmp_path / "readme.txt").write_text("nothing")
+    with pytest.raises(InputError, match="the folder holds no DICOM pictures"):
+        read_phantom(tmp_path)
+
+
+# --- TIFF
+
+
+def test_tiff_pages_that_are_no_volume(tmp_path):
+    path = tmp_path / "b.tif"
+    tifffile.imwrite(path, np.zeros((5, 6), np.uint8))
+    with pytest.raises(InputError, match="expected one value a pixel on two pages or more"):
+        read_phantom(path)
+    tifffile.imwrite(path, np.zeros((4, 5, 6, 3), np.uint8), photometric="rgb")
+    with pytest.raises(InputError, match="expected one value a pixel on two pages or more"):
+        read_phantom(path)
+    with tifffile.TiffWriter(path) as writer:
+        writer.write(np.zeros((5, 6), np.uint8), metadata=None)
+        writer.write(np.zeros((7, 8), np.uint8), metadata=None)
+    with pytest.raises(InputError, match="holds 2 pictures of different sizes"):
+        read_phantom(path)
+
+
+@pytest.mark.parametrize("zipped", [True, False])
+def test_tiff_whose_pages_promise_gigabytes(tmp_path, zipped):
+    path = save(tmp_path / "b.tif", small_breast(), zipped)
+    with tifffile.TiffFile(path, mode="r+") as tiff:
+        for page in tiff.pages:
+            page.tags["ImageWidth"].overwrite(60000)
+            page.tags["ImageLength"].overwrite(60000)
+            page.tags["RowsPerStrip"].overwrite(60000)
+    with _no_more_than(8 << 20), pytest.raises(InputError, match=r"b\.tif"):
+        read_phantom(path)
+
+
+@pytest.mark.parametrize("spacing", [0, -1.0, float("nan"), "wide"])
+def test_tiff_with_a_spacing_that_is_none(tmp_path, spacing):
+    path = tmp_path / "b.tif"
+    described = {"spacing": spacing, "unit": "mm", "axes": "ZYX"}
+    tifffile.imwrite(
+        path, small_breast().transpose(2, 1, 0), imagej=True, resolution=(2, 2), metadata=described
+    )
+    if spacing == "wide":
+        assert any("does not say its voxel size" in note for note in read_phantom(path).notes)
+        return
+    with pytest.raises(InputError, match="expected three positive numbers"):
+        read_phantom(path)

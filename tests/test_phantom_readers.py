@@ -31,6 +31,8 @@ from mammosim.errors import InputError
 from mammosim.phantom import phantom_summary, read_phantom
 from mammosim.phantom.readers import open_voxels
 from mammosim.phantom.readers.axes import AXIS_OF_LETTER
+from mammosim.phantom.voxels import read_volume
+from mammosim.tissues import load_label_map
 
 VICTRE = Path(__file__).parents[2] / "shared" / "data" / "victre" / "p_1.mhd"
 needs_victre = pytest.mark.skipif(
@@ -257,6 +259,34 @@ def test_an_mha_without_orientation_is_victres_too(tmp_path):
     breast = read_phantom(tmp_path / "b.mha", "victre")
     np.testing.assert_array_equal(breast.labels, small_breast())
     np.testing.assert_allclose(breast.origin_mm, ORIGIN)
+
+
+@pytest.mark.parametrize("said", ["True", "False"])
+def test_voxels_whose_first_bytes_look_compressed(tmp_path, said):
+    """Labels 31 and 139 in the corner are gzip's magic number; zlib's first byte is 120."""
+    (tmp_path / "map.yaml").write_text("0: air\n1: adipose\n31: gland\n139: skin\n120: muscle\n")
+    for corner in ([31, 139], [120, 1]):
+        labels = np.ones((7, 9, 11), np.uint8)
+        labels[:2, 0, 0] = corner
+        raw = labels.tobytes(order="F")
+        packed = zlib.compress(raw) if said == "True" else raw
+        path = save_victre(tmp_path, packed, "b.raw", CompressedData=said)
+        read = read_volume(path, label_map=load_label_map(str(tmp_path / "map.yaml")))
+        np.testing.assert_array_equal(read.values, labels)
+
+
+def test_compressed_voxels_as_long_as_their_content(tmp_path):
+    """Of noise, zlib's stream can be just as long as what it stands for."""
+    for seed in range(400):
+        raw = np.random.default_rng(seed).integers(0, 90, 30).astype("<i2")
+        packed = zlib.compress(raw.tobytes(), 6)
+        if len(packed) == raw.nbytes:
+            break
+    assert len(packed) == raw.nbytes
+    path = save_victre(
+        tmp_path, packed, "b.raw", CompressedData="True", ElementType="MET_SHORT", DimSize="1 5 6"
+    )
+    np.testing.assert_array_equal(read_volume(path).values.ravel(order="F"), raw)
 
 
 def test_gzip_of_several_members(tmp_path):

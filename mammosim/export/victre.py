@@ -64,10 +64,10 @@ def write_victre(
 
     ``pc_N.loc`` has a line ``x,y,z`` in mm for each lesion; ``pcl_N.loc`` a line of whole numbers
     ``z x y type`` in voxels of ``pcl_N`` for each mass (2) and cluster of calcifications (1), as
-    VICTRE's `insert_lesions` writes them. The plates are flat, where VICTRE's have an edge of
-    3 mm radius and a lip; as in VICTRE they are only where there is air, so that tissue which
-    stands out beyond its lattice node by half a cell dents them. A lesion's voxels carry the label of its tissue; that calcifications may fill
-    only part of a voxel is lost.
+    VICTRE's `insert_lesions` writes them. The plates are flat, where VICTRE's have an edge of 3 mm
+    radius and a lip; as in VICTRE they are only where there is air, so that tissue which stands
+    out beyond its lattice node by half a cell dents them. A lesion's voxels carry the label of its
+    tissue; that calcifications may fill only part of a voxel is lost.
     """
     folder = Path(folder) / str(seed)
     whole, grid = _between_plates(squeezed, labels, frame)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mammosim.phantom.readers import open_voxels
 from mammosim.phantom.settings import PhantomSettings
+from mammosim.phantom.voxels import open_checked
+from mammosim.tissues import load_label_map
 
 LARGEST_DRAWN_ML = 900.0
 """Largest volume that the generator draws by itself, mL."""
@@ -20,18 +21,21 @@ def expected_voxels(settings: PhantomSettings) -> tuple[int, float]:
     Parameters
     ----------
     settings : PhantomSettings
-        With an absolute path, where it names a file.
+        With absolute paths, where it names files.
 
     Raises
     ------
     InputError
-        If the file is missing, of an unknown format, or has no readable header.
+        If the file is missing, of an unknown format, has no readable header or does not fit into
+        memory, or the label map cannot be used.
     """
     if settings.generate is not None:
         volume_mm3 = 1e3 * (settings.generate.volume_ml or LARGEST_DRAWN_ML)
         voxel_mm3 = settings.generate.voxel_mm**3
         return int(BOX_PART * volume_mm3 / voxel_mm3), voxel_mm3
-    opened = open_voxels(str(settings.file))
+    if settings.labels is not None:
+        load_label_map(settings.labels)
+    opened = open_checked(str(settings.file), settings.axes, settings.reduce)
     spacing = opened.voxel_mm if settings.voxel_mm is None else settings.voxel_mm
     voxel_mm3 = float(np.prod(np.broadcast_to(spacing, 3))) * settings.reduce**3
     return max(opened.count // settings.reduce**3, 1), voxel_mm3

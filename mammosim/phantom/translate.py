@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,10 @@ from mammosim.errors import InputError
 from mammosim.tissues import TISSUES
 
 BLOCK_VOXELS = 1 << 22
-"""Voxels counted or translated at a time: a few tens of megabytes beside the phantom."""
+"""Voxels counted at a time: a few tens of megabytes beside the phantom."""
+
+TILE_SIDE = 64
+"""Voxels along each side of what is translated at a time: axes change their order on the way."""
 
 MOST_VALUES = 255
 """Different values in a file of labels: a picture or a density map holds more."""
@@ -58,16 +62,29 @@ def translated(
     keys = np.array(sorted(counts))
     labels = np.array([TISSUES[label_map[int(key)]].label for key in keys], np.uint8)
     out = np.empty(values.shape, np.uint8)
-    table = np.zeros(256, np.uint8)
     if values.dtype == np.uint8:
+        table = np.zeros(256, np.uint8)
         table[keys] = labels
-    for part in blocks(values):
-        block = values[part]
-        if values.dtype == np.uint8:
-            out[part] = table[block]
-        else:
-            out[part] = labels[np.searchsorted(keys, block)]
+        _translate_bytes(values, table.tobytes(), out)
+        return out
+    for part in _tiles(values.shape):
+        out[part] = labels[np.searchsorted(keys, values[part])]
     return out
+
+
+def _translate_bytes(values: NDArray[np.uint8], table: bytes, out: NDArray[np.uint8]) -> None:
+    """By Python's own table look-up for bytes, several times as fast as an index array."""
+    order: Literal["C", "F"] = "C" if abs(values.strides[2]) <= abs(values.strides[0]) else "F"
+    for part in _tiles(values.shape):
+        tile = values[part]
+        found = np.frombuffer(tile.tobytes(order).translate(table), np.uint8)
+        out[part] = found.reshape(tile.shape, order=order)
+
+
+def _tiles(shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
+    """Cubes that fill an array; one and its transpose fit into a core's cache together."""
+    for corner in product(*(range(0, side, TILE_SIDE) for side in shape)):
+        yield tuple(slice(start, start + TILE_SIDE) for start in corner)
 
 
 def count_values(values: NDArray[Any], path: Path) -> dict[int, int]:
@@ -83,7 +100,7 @@ def count_values(values: NDArray[Any], path: Path) -> dict[int, int]:
     if values.size == 0:
         raise InputError(f"{path}: its shape is {values.shape}, expected at least one voxel")
     counts: dict[int, int] = {}
-    for part in blocks(values):
+    for part in _blocks(values):
         each, how_many = _counted(values[part])
         odd = each[~(np.isfinite(each) & (each == np.rint(each)))]
         if len(odd):
@@ -97,7 +114,7 @@ def count_values(values: NDArray[Any], path: Path) -> dict[int, int]:
     return counts
 
 
-def blocks(values: NDArray[Any]) -> Iterator[tuple[slice, ...]]:
+def _blocks(values: NDArray[Any]) -> Iterator[tuple[slice, ...]]:
     """Slices through the slowest axis of an array, each of some million voxels."""
     axis = int(np.argmax(np.abs(values.strides)))
     layers = max(1, BLOCK_VOXELS * values.shape[axis] // max(values.size, 1))

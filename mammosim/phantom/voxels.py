@@ -17,6 +17,27 @@ from mammosim.phantom.readers.volume import checked_spacing
 from mammosim.tissues import DEFAULT_LABELS, LABEL_MAPS
 
 
+def open_checked(path: str | Path, axes: str | None = None, reduce: int = 1) -> VoxelFile:
+    """Read a file's header, and make sure of all that can be known before its voxels are read.
+
+    Parameters
+    ----------
+    path, axes, reduce
+        As in `read_volume`.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used or does not fit into memory.
+    """
+    opened = open_voxels(path)
+    _check_wishes(opened, axes, reduce)
+    if opened.dtype.kind not in "iufb":
+        raise InputError(f"{path}: holds {opened.dtype} voxels, expected whole numbers")
+    check_memory(opened, reduce)
+    return opened
+
+
 def read_volume(
     path: str | Path,
     axes: str | None = None,
@@ -51,11 +72,7 @@ def read_volume(
     Keeping the middle voxel of each block keeps the share of every tissue, on average; a vote
     within the block would lose walls and ducts thinner than half of it.
     """
-    opened = open_voxels(path)
-    _check_wishes(opened, axes, reduce)
-    if opened.dtype.kind not in "iufb":
-        raise InputError(f"{path}: holds {opened.dtype} voxels, expected whole numbers")
-    check_memory(opened, reduce)
+    opened = open_checked(path, axes, reduce)
     try:
         voxels = opened.load(reduce)
     except (OSError, MemoryError) as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import warnings
 from collections import Counter
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from mammosim.errors import InputError
 from mammosim.phantom.readers.axes import BREAST_FROM_LPS, axes_of_direction
+from mammosim.phantom.readers.bounded import BoundedFile
 from mammosim.phantom.readers.slices import SliceOrder, by_number, by_position
 from mammosim.phantom.readers.volume import (
     MAX_DEFLATE_RATIO,
@@ -26,13 +28,14 @@ from mammosim.phantom.readers.volume import (
     checked_origin,
     checked_shape,
     checked_spacing,
+    reason_of,
 )
 
 DAMAGE = (
     AttributeError, EOFError, KeyError, IndexError, NotImplementedError, OSError, OverflowError,
     RuntimeError, TypeError, ValueError, MemoryError, struct.error,
 )  # fmt: skip
-"""What pydicom raises on files that are damaged, or coded in a way it cannot decode."""
+"""What pydicom raises, beside an error of its own, on damaged files and unknown codings."""
 
 TAGS = (
     "SeriesInstanceUID", "Rows", "Columns", "NumberOfFrames", "SamplesPerPixel", "BitsAllocated",
@@ -133,42 +136,40 @@ def _read_headers(path: Path) -> tuple[list[Slice], list[str]]:
         if file.name.startswith("."):
             continue
         try:
-            with _quiet():
-                header = pydicom.dcmread(file, stop_before_pixels=True, specific_tags=list(TAGS))
+            with _quiet(), BoundedFile(file) as stream:
+                header = pydicom.dcmread(stream, stop_before_pixels=True, specific_tags=list(TAGS))
         except pydicom.errors.InvalidDicomError:
             others.append(file.name)
             continue
-        except DAMAGE as error:
-            raise InputError(f"{file}: damaged DICOM file ({_reason(error)})") from None
+        except (*DAMAGE, pydicom.errors.BytesLengthException) as error:
+            raise InputError(f"{file}: damaged DICOM file ({reason_of(error)})") from None
         if "Rows" not in header or "Columns" not in header:
             others.append(file.name)
             continue
-        slices.append(_slice(header, file))
+        try:
+            slices.append(_slice(header, file))
+        except (*DAMAGE, pydicom.errors.BytesLengthException) as error:
+            raise InputError(f"{file}: damaged DICOM header ({reason_of(error)})") from None
     if not slices:
         raise InputError(f"{path}: the folder holds no DICOM pictures, expected a series of slices")
     return slices, others
 
 
 def _slice(header: Any, file: Path) -> Slice:
-    try:
-        with _quiet():
-            frames = int(header.get("NumberOfFrames") or 1)
-            samples = int(header.get("SamplesPerPixel") or 1)
-            side = str(header.get("ImageLaterality") or header.get("Laterality") or "")
-            number = header.get("InstanceNumber")
-            found = Slice(
-                file, str(header.get("SeriesInstanceUID", "")), int(header.Columns),
-                int(header.Rows), int(header.get("BitsAllocated") or 0),
-                bool(header.get("PixelRepresentation")), float(header.get("RescaleSlope") or 1.0),
-                float(header.get("RescaleIntercept") or 0.0), _numbers(header, "PixelSpacing", 2),
-                _numbers(header, "ImageOrientationPatient", 6),
-                _numbers(header, "ImagePositionPatient", 3),
-                None if number is None else int(number), _distance(header),
-                side if side in ("L", "R") else None,
-                bool(header.file_meta.TransferSyntaxUID.is_compressed),
-            )  # fmt: skip
-    except DAMAGE as error:
-        raise InputError(f"{file}: damaged DICOM header ({_reason(error)})") from None
+    with _quiet():
+        frames = int(header.get("NumberOfFrames") or 1)
+        samples = int(header.get("SamplesPerPixel") or 1)
+        side = str(header.get("ImageLaterality") or header.get("Laterality") or "")
+        number = header.get("InstanceNumber")
+        found = Slice(
+            file, str(header.get("SeriesInstanceUID", "")), int(header.Columns), int(header.Rows),
+            int(header.get("BitsAllocated") or 0), bool(header.get("PixelRepresentation")),
+            float(header.get("RescaleSlope") or 1.0), float(header.get("RescaleIntercept") or 0.0),
+            _numbers(header, "PixelSpacing", 2), _numbers(header, "ImageOrientationPatient", 6),
+            _numbers(header, "ImagePositionPatient", 3), None if number is None else int(number),
+            _distance(header), side if side in ("L", "R") else None,
+            bool(header.file_meta.TransferSyntaxUID.is_compressed),
+        )  # fmt: skip
     if frames != 1 or samples != 1:
         raise InputError(
             f"{file}: holds {frames} frames with {samples} values a pixel, expected one slice of "
@@ -184,6 +185,8 @@ def _numbers(header: Any, tag: str, count: int) -> tuple[float, ...] | None:
     numbers = tuple(float(item) for item in value)
     if len(numbers) != count:
         raise ValueError(f"{tag} holds {len(numbers)} numbers, expected {count}")
+    if not all(math.isfinite(number) for number in numbers):
+        raise ValueError(f"{tag} holds numbers that are not finite")
     return numbers
 
 
@@ -270,10 +273,12 @@ def _load(
     out = np.empty(kept, dtype)
     for k in range(start, nz, step):
         try:
-            with _quiet():
-                stored = pydicom.dcmread(files[k]).pixel_array.reshape(ny, nx)
-        except DAMAGE as error:
-            raise InputError(f"{files[k]}: its pixels cannot be read ({_reason(error)})") from None
+            with _quiet(), BoundedFile(files[k]) as stream:
+                stored = pydicom.dcmread(stream).pixel_array.reshape(ny, nx)
+        except (*DAMAGE, pydicom.errors.BytesLengthException) as error:
+            raise InputError(
+                f"{files[k]}: its pixels cannot be read ({reason_of(error)})"
+            ) from None
         values = stored[start::step, start::step]
         out[k // step] = values if dtype.kind in "iu" else values * first.slope + first.intercept
     return Voxels(out.transpose(2, 1, 0))
@@ -285,7 +290,3 @@ def _quiet() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
-
-
-def _reason(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

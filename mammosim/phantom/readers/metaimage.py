@@ -184,8 +184,10 @@ def _find_voxels(
     with data_path.open("rb") as stream:
         stream.seek(start)
         magic = stream.read(2)
-    zlibbed = magic[:1] == ZLIB_FIRST_BYTE and length != promised
-    return VoxelBytes(data_path, start, length, magic == GZIP_MAGIC or zlibbed), notes
+    # A header may lie either way; voxels of exactly the promised length may begin with any byte.
+    says = header.get("CompressedData", "False").lower() == "true"
+    packed = magic == GZIP_MAGIC or magic[:1] == ZLIB_FIRST_BYTE
+    return VoxelBytes(data_path, start, length, packed and (says or length != promised)), notes
 
 
 def _data_path(name: str, path: Path) -> Path:

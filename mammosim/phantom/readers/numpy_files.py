@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tokenize
 import zipfile
 import zlib
 from functools import partial
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from mammosim.errors import InputError
 from mammosim.phantom.readers.axes import BREAST_AXES
+from mammosim.phantom.readers.bounded import BoundedFile
 from mammosim.phantom.readers.volume import (
     MAX_DEFLATE_RATIO,
     VoxelFile,
@@ -22,6 +24,7 @@ from mammosim.phantom.readers.volume import (
     checked_shape,
     checked_spacing,
     every_nth,
+    reason_of,
 )
 
 NPZ_KEYS = ("labels", "voxel_mm", "origin_mm")
@@ -32,6 +35,12 @@ HEADER_READERS = {
     (2, 0): np.lib.format.read_array_header_2_0,
 }
 """By version of the NPY format."""
+
+DAMAGE = (
+    ValueError, EOFError, OSError, OverflowError, NotImplementedError, RuntimeError, TypeError,
+    KeyError, SyntaxError, MemoryError, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What NumPy and zipfile raise on damaged files: a header is a Python literal, which is parsed."""
 
 MOST_SMALL_BYTES = 4096
 """Of the arrays beside the labels, which hold three numbers."""
@@ -54,7 +63,7 @@ def open_npy(path: Path) -> VoxelFile:
     InputError
         If the file is not a whole NPY file of a three-dimensional array.
     """
-    with path.open("rb") as stream:
+    with BoundedFile(path) as stream:
         header = _array_header(stream, path)
     shape = _three_dimensional(header.shape, path)
     on_disk = path.stat().st_size - header.start
@@ -89,9 +98,8 @@ def open_npz(path: Path) -> VoxelFile:
             member = archive.getinfo("labels.npy")
             with archive.open(member) as stream:
                 header = _array_header(stream, path)
-    except (ValueError, EOFError, OSError, NotImplementedError, RuntimeError,
-            zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
-        raise InputError(f"{path}: not a whole NPZ archive ({_reason(error)})") from None
+    except DAMAGE as error:
+        raise InputError(f"{path}: not a whole NPZ archive ({reason_of(error)})") from None
     promised = header.start + _bytes(header)
     check_promise(promised, min(member.compress_size, path.stat().st_size), MAX_DEFLATE_RATIO, path)
     return VoxelFile(
@@ -116,8 +124,8 @@ def _load_npz(path: Path, header: ArrayHeader, step: int) -> Voxels:
     try:
         with zipfile.ZipFile(path) as archive, archive.open("labels.npy") as stream:
             values = np.lib.format.read_array(stream, allow_pickle=False)
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f"{path}: not a whole NPZ archive ({_reason(error)})") from None
+    except DAMAGE as error:
+        raise InputError(f"{path}: not a whole NPZ archive ({reason_of(error)})") from None
     return Voxels(every_nth(values.reshape(header.shape), step))
 
 
@@ -127,8 +135,8 @@ def _array_header(stream: BinaryIO | Any, path: Path) -> ArrayHeader:
         if version not in HEADER_READERS:
             raise ValueError(f"its version is {version}")
         shape, fortran, dtype = HEADER_READERS[version](stream)
-    except (ValueError, EOFError, OSError, OverflowError, zlib.error) as error:
-        raise InputError(f"{path}: not a whole NPY file ({_reason(error)})") from None
+    except DAMAGE as error:
+        raise InputError(f"{path}: not a whole NPY file ({reason_of(error)})") from None
     if dtype.hasobject or dtype.itemsize == 0:
         raise InputError(f"{path}: holds {dtype} voxels, expected whole numbers")
     return ArrayHeader(shape, dtype, fortran, stream.tell())
@@ -145,7 +153,3 @@ def _three_dimensional(shape: tuple[int, ...], path: Path) -> tuple[int, int, in
     if len(shape) != 3:
         raise InputError(f"{path}: labels have shape {shape}, expected [x, y, z]")
     return checked_shape(shape, path)
-
-
-def _reason(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

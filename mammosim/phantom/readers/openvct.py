@@ -31,6 +31,7 @@ from mammosim.phantom.readers.volume import (
     check_promise,
     checked_shape,
     checked_spacing,
+    reason_of,
 )
 
 MOST_XML_BYTES = 1 << 24
@@ -79,7 +80,7 @@ def open_openvct(path: Path) -> VoxelFile:
             with archive.open(description) as stream:
                 text = stream.read(MOST_XML_BYTES + 1)
     except DAMAGE as error:
-        raise InputError(f"{path}: not a whole OpenVCT archive ({_reason(error)})") from None
+        raise InputError(f"{path}: not a whole OpenVCT archive ({reason_of(error)})") from None
     if len(text) > MOST_XML_BYTES:
         raise InputError(f"{path}: its Phantom.xml is longer than {MOST_XML_BYTES} bytes")
     root = _parsed(text, path)
@@ -130,7 +131,7 @@ def _parsed(text: bytes, path: Path) -> Element:
     try:
         return parse_xml(text.decode("utf-8"))
     except (ParseError, UnicodeDecodeError, ValueError, LookupError) as error:
-        raise InputError(f"{path}: its Phantom.xml cannot be read ({_reason(error)})") from None
+        raise InputError(f"{path}: its Phantom.xml cannot be read ({reason_of(error)})") from None
 
 
 def _text(root: Element, place: str, path: Path) -> str:
@@ -218,8 +219,4 @@ def _load(path: Path, name: str, shape: tuple[int, int, int], step: int) -> Voxe
             voxels: Any = stream
             return read_layers(voxels, shape, np.dtype(np.uint8), step, path, "Phantom.xml")
     except DAMAGE as error:
-        raise InputError(f"{path}: not a whole OpenVCT archive ({_reason(error)})") from None
-
-
-def _reason(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"{path}: not a whole OpenVCT archive ({reason_of(error)})") from None

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from mammosim.errors import InputError
 from mammosim.phantom.readers.axes import are_axes
+from mammosim.phantom.readers.bounded import BoundedFile
 from mammosim.phantom.readers.plain_xml import parse_xml
 from mammosim.phantom.readers.volume import (
     VoxelFile,
@@ -29,6 +30,7 @@ from mammosim.phantom.readers.volume import (
     check_promise,
     checked_shape,
     checked_spacing,
+    reason_of,
 )
 
 AXES_KEY = "patient_axes"
@@ -48,7 +50,7 @@ MAX_RATIO = 3000.0
 DAMAGE = (
     ValueError, TypeError, KeyError, IndexError, OSError, EOFError,
     RuntimeError, MemoryError, OverflowError, NotImplementedError, ImportError, struct.error,
-    ZeroDivisionError, AttributeError, zlib.error,
+    ZeroDivisionError, AssertionError, AttributeError, zlib.error,
 )  # fmt: skip
 """What tifffile raises, beside its own error, on damaged files and codings it does not know."""
 
@@ -64,7 +66,7 @@ def open_tiff(path: Path) -> VoxelFile:
     import tifffile
 
     try:
-        with _errors_raised(), tifffile.TiffFile(path) as tiff:
+        with _errors_raised(), BoundedFile(path) as file, tifffile.TiffFile(file) as tiff:
             len(tiff.pages)  # walks to the last page, which ImageJ's series do not need
             series = tiff.series
             shape = _volume_shape(series, path)
@@ -73,7 +75,7 @@ def open_tiff(path: Path) -> VoxelFile:
             resolution = _resolution(page)
             compressed = page.compression != tifffile.COMPRESSION.NONE
     except (*DAMAGE, tifffile.TiffFileError) as error:
-        raise InputError(f"{path}: not a whole TIFF file ({_reason(error)})") from None
+        raise InputError(f"{path}: not a whole TIFF file ({reason_of(error)})") from None
     promised = shape[0] * shape[1] * shape[2] * dtype.itemsize
     check_promise(promised, path.stat().st_size, MAX_RATIO if compressed else 1.0, path)
     spacing = _spacing(imagej, ome, resolution, path)
@@ -110,7 +112,7 @@ def _load(path: Path, shape: tuple[int, int, int], dtype: np.dtype[Any], step: i
     import tifffile
 
     try:
-        with _errors_raised(), tifffile.TiffFile(path) as tiff:
+        with _errors_raised(), BoundedFile(path) as file, tifffile.TiffFile(file) as tiff:
             series = tiff.series[0]
             if series.dataoffset is not None:
                 values = np.memmap(path, series.dtype.newbyteorder(tiff.byteorder), "r",
@@ -122,7 +124,7 @@ def _load(path: Path, shape: tuple[int, int, int], dtype: np.dtype[Any], step: i
                     out = np.empty((len(range(start, nz, step)), *page.shape), dtype)
                 out[k // step] = page
     except (*DAMAGE, tifffile.TiffFileError) as error:
-        raise InputError(f"{path}: not a whole TIFF file ({_reason(error)})") from None
+        raise InputError(f"{path}: not a whole TIFF file ({reason_of(error)})") from None
     if out is None:
         out = np.empty((0, 0, 0), dtype)
     return Voxels(out.transpose(2, 1, 0))
@@ -199,7 +201,3 @@ def _first(imagej: Mapping[str, Any], spacing: NDArray[np.float64]) -> NDArray[n
         return None
     first = -np.array(origin) * spacing
     return first if all(math.isfinite(value) for value in first) else None
-
-
-def _reason(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -176,3 +176,8 @@ def every_nth(values: NDArray[Any], step: int) -> NDArray[Any]:
     """View of every n-th voxel along each axis, the middle one of each block."""
     start = step // 2
     return values[start::step, start::step, start::step] if step > 1 else values
+
+
+def reason_of(error: Exception) -> str:
+    """The first line of a library's error, or its name where it says nothing."""
+    return (str(error).splitlines() or [type(error).__name__])[0]
