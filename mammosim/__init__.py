@@ -19,25 +19,25 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mammosim.acquisition import Mammogram, expose
+    from mammosim.acquisition import Mammogram, Tomosynthesis, expose, expose_arc
     from mammosim.compression import CompressedBreast, compress
     from mammosim.errors import InputError, Interrupted, MammosimError, NotConverged
     from mammosim.export import load_path_lengths
     from mammosim.phantom import BreastPhantom, generate_phantom, read_phantom
     from mammosim.pipeline import RunConfig, Study, load_config, simulate
-    from mammosim.projection import PathLengths, project
+    from mammosim.projection import PathLengths, project, project_arc
     from mammosim.targets import Target, find_targets
 
 __version__ = version("mammosim")
 
 _HOMES = {
-    "acquisition": ("Mammogram", "expose"),
+    "acquisition": ("Mammogram", "Tomosynthesis", "expose", "expose_arc"),
     "compression": ("CompressedBreast", "compress"),
     "errors": ("InputError", "Interrupted", "MammosimError", "NotConverged"),
     "export": ("load_path_lengths",),
     "phantom": ("BreastPhantom", "generate_phantom", "read_phantom"),
     "pipeline": ("RunConfig", "Study", "load_config", "simulate"),
-    "projection": ("PathLengths", "project"),
+    "projection": ("PathLengths", "project", "project_arc"),
     "targets": ("Target", "find_targets"),
 }
 _HOME_OF = {name: room for room, names in _HOMES.items() for name in names}
@@ -54,13 +54,16 @@ __all__ = [
     "RunConfig",
     "Study",
     "Target",
+    "Tomosynthesis",
     "compress",
     "expose",
+    "expose_arc",
     "find_targets",
     "generate_phantom",
     "load_config",
     "load_path_lengths",
     "project",
+    "project_arc",
     "read_phantom",
     "simulate",
 ]

@@ -10,57 +10,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from make_phantom import half_ellipsoid_breast
-from typer.testing import CliRunner
+from make_run import SMALL, invoke, save_breast, write
 
-from mammosim import cli, load_config, simulate
-from mammosim.config import write_yaml
+from mammosim import load_config, simulate
 from mammosim.errors import InputError
 from mammosim.targets import Target
-
-RUNNER = CliRunner()
-
-SMALL = {
-    "compression": {"thickness_mm": 36, "resolution_mm": 3},
-    "projection": {"pixel_mm": 0.8},
-    "seed": 3,
-}
-
-
-def invoke(*arguments: object):
-    return RUNNER.invoke(cli.app, [str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     """A folder with a small phantom of the user's own."""
-    folder = tmp_path_factory.mktemp("user")
-    breast = half_ellipsoid_breast()
-    np.savez(
-        folder / "breast.npz",
-        labels=breast.labels,
-        voxel_mm=breast.voxel_mm,
-        origin_mm=breast.origin_mm,
-    )
-    return folder
-
-
-def write(folder: Path, name: str = "run.yaml", **changes) -> Path:
-    """A small configuration of that phantom; keys are replaced section by section."""
-    values = {
-        "phantom": {
-            "file": "breast.npz",
-            "lesions": [
-                {"name": "ball", "kind": "mass", "diameter_mm": 6, "position_mm": [12, 8, 6]}
-            ],
-            "landmarks": [{"name": "mark", "position_mm": [14, -6, -5]}],
-        },
-        **SMALL,
-    }
-    values.update(changes)
-    path = folder / name
-    write_yaml(values, path)
-    return path
+    return save_breast(tmp_path_factory.mktemp("user"))
 
 
 @pytest.fixture(scope="module")

@@ -10,51 +10,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from make_phantom import half_ellipsoid_breast
+from make_run import invoke, save_breast
+from make_run import write as write_small
 from PIL import Image
-from typer.testing import CliRunner
 
-from mammosim import cli
-from mammosim.config import read_yaml, to_settings, write_yaml
+from mammosim.config import read_yaml, to_settings
 from mammosim.errors import InputError
 from mammosim.pipeline import RunConfig
 
-RUNNER = CliRunner()
 SERIES = {"view": "CC", "angle_range_deg": 40, "projections": 3}
-
-
-def invoke(*arguments: object):
-    return RUNNER.invoke(cli.app, [str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("series")
-    breast = half_ellipsoid_breast()
-    np.savez(
-        folder / "breast.npz",
-        labels=breast.labels,
-        voxel_mm=breast.voxel_mm,
-        origin_mm=breast.origin_mm,
-    )
-    return folder
+    return save_breast(tmp_path_factory.mktemp("series"))
 
 
 def write(folder: Path, name: str = "run.yaml", **changes) -> Path:
-    values = {
-        "phantom": {
-            "file": "breast.npz",
-            "lesions": [
-                {"name": "ball", "kind": "mass", "diameter_mm": 6, "position_mm": [12, 8, 6]}
-            ],
-        },
-        "compression": {"thickness_mm": 36, "resolution_mm": 4},
-        "projection": {"pixel_mm": 0.8},
-        "views": [{"dbt": SERIES}, {"view": "CC", "mas": 60}],
-        **changes,
-    }
-    write_yaml(values, folder / name)
-    return folder / name
+    views = [{"dbt": SERIES}, {"view": "CC", "mas": 60}]
+    return write_small(folder, name, **{"views": views, **changes})
 
 
 @pytest.fixture(scope="module")
