@@ -37,7 +37,7 @@ class Arc:
     settings: TomosynthesisSettings
     _mapped: VoxelMap
     _channels: Channels
-    _conserve_mass: bool
+    _settings: ProjectionSettings
 
     def __len__(self) -> int:
         return len(self.gantries)
@@ -54,7 +54,7 @@ class Arc:
             self.squeezed,
             self._mapped,
             self._channels,
-            self._conserve_mass,
+            self._settings,
         )
 
 
@@ -94,4 +94,4 @@ def project_arc(
     shape = upright.rows, upright.columns
     check_memory(settings, shape, len(channels), sweep.projections)
     gantries = tuple(replace(upright, tube_angle_deg=angle) for angle in sweep.angles_deg)
-    return Arc(squeezed, gantries, sweep, mapped, channels, settings.conserve_mass)
+    return Arc(squeezed, gantries, sweep, mapped, channels, settings)

@@ -28,7 +28,8 @@ class PathLengths:
     length_mm : ndarray of float32, [tissue, row, column]
         Geometric length, mm.
     attenuating_mm : ndarray of float32, [tissue, row, column]
-        The same weighted by the density that compression leaves (1/J) and a lesion's fill, mm.
+        The same weighted by the density that compression leaves (1/J) and a lesion's fill, mm,
+        the steps of voxels larger than a pixel smoothed.
         It is `length_mm` itself where mass is not conserved.
     gantry : Gantry
         Pixels, focal spot and detector.

@@ -43,6 +43,11 @@ class ProjectionSettings(Settings):
     conserve_mass: bool = True
     """Whether tissue that compression squeezes together attenuates more, so that mass is kept."""
 
+    # The weave that voxels of 0.4 mm draw is stronger than the quantum noise near the skin line.
+    smooth_voxels: bool = True
+    """Whether the steps of voxels larger than a pixel are smoothed in what attenuates (not where
+    conserve_mass is false); path lengths and lesion masks stay exact."""
+
 
 class TomosynthesisSettings(Settings):
     """A view taken as a series of projections: how the tube moves while the breast is held.

@@ -17,6 +17,7 @@ from mammosim.projection.detector_field import place_detector
 from mammosim.projection.feasible import check_memory
 from mammosim.projection.paths import PathLengths
 from mammosim.projection.settings import ProjectionSettings
+from mammosim.projection.smoothing import smooth_voxels
 from mammosim.projection.voxel_map import VoxelMap, voxel_map
 
 # Rows that one thread traces together: neighbouring rays share the voxels in its cache.
@@ -63,7 +64,7 @@ def project(squeezed: CompressedBreast, **keys: Any) -> PathLengths:
     gantry = place_detector(squeezed, mapped, settings)
     channels = channels_of(squeezed.phantom)
     check_memory(settings, (gantry.rows, gantry.columns), len(channels))
-    return trace_onto(gantry, squeezed, mapped, channels, settings.conserve_mass)
+    return trace_onto(gantry, squeezed, mapped, channels, settings)
 
 
 def trace_onto(
@@ -71,16 +72,21 @@ def trace_onto(
     squeezed: CompressedBreast,
     mapped: VoxelMap,
     channels: Channels,
-    conserve_mass: bool,
+    settings: ProjectionSettings,
 ) -> PathLengths:
     """Path lengths onto one gantry's detector; its focal spot may be anywhere above the breast."""
+    conserve_mass = settings.conserve_mass
     length, attenuating = _trace(squeezed, mapped, gantry, channels, conserve_mass)
+    attenuating = _filled(attenuating, length, squeezed, channels)
+    if settings.smooth_voxels and conserve_mass:
+        voxel_mm = squeezed.phantom.voxel_mm
+        smooth_voxels(attenuating, channels, gantry, voxel_mm, squeezed.thickness_mm)
     return PathLengths(
         tissues=channels.names,
         materials=channels.materials,
         lesion_labels=channels.lesion_labels,
         length_mm=length,
-        attenuating_mm=_filled(attenuating, length, squeezed, channels),
+        attenuating_mm=attenuating,
         gantry=gantry,
         thickness_mm=squeezed.thickness_mm,
         force_n=squeezed.force_n,

@@ -1,0 +1,75 @@
+"""The staircase of large voxels is smoothed in what attenuates, and in nothing else."""
+
+import numpy as np
+import pytest
+from naive.projection import phantom, unsqueezed
+
+from mammosim.phantom import Lesion
+from mammosim.projection import project
+from mammosim.projection.smoothing import SMOOTHING_VOXELS
+
+ADIPOSE, MASS, DUST = 1, 160, 161
+
+
+def wedge(voxel_mm=1.0):
+    """A wedge of fat that thickens by 1 mm in 5 along y, with a mass and a speck in it."""
+    shape = np.array([40, 60, 24])
+    _, y, z = np.indices(shape)
+    labels = ((z + 0.5) <= 4.0 + (y + 0.5) / 5.0).astype(np.uint8)
+    labels[10:16, 28:34, 2:6] = MASS
+    labels[28, 40, 3] = DUST
+    labels[:, :4] = labels[:, -4:] = 0
+    lesions = (
+        Lesion("lump", "mass", MASS, "mass", np.zeros(3), 1.0),
+        Lesion("speck", "calcification", DUST, "calcification", np.zeros(3), 1.0),
+    )
+    block = phantom(labels, voxel_mm, np.array([0.5, -29.5, 0.5]) * voxel_mm, lesions=lesions)
+    return unsqueezed(block, spacing_mm=8.0, plates_mm=(0.0, 24.0))
+
+
+def both(pixel_mm=0.25, **keys):
+    return [
+        project(wedge(), pixel_mm=pixel_mm, detector_mm=[80.0, 60.0], detector_edge_mm=-5.0,
+                smooth_voxels=smooth, **keys)
+        for smooth in (True, False)
+    ]  # fmt: skip
+
+
+def test_a_comb_of_voxels_fades_as_a_gaussian_of_a_third_of_a_voxel_fades_it():
+    """Every other voxel along y gland: the wave two voxels long keeps exp(-2 pi^2 s^2 / 4)."""
+    labels = np.full((20, 64, 6), ADIPOSE, np.uint8)
+    labels[:, ::2] = 29
+    comb = unsqueezed(phantom(labels, 1.0, [0.5, -31.5, 0.5]), plates_mm=(0.0, 6.0))
+    keys = {"pixel_mm": 0.25, "source_to_detector_mm": 1e6, "detector_mm": [80.0, 30.0]}
+    waves = []
+    for smooth in (True, False):
+        gland = project(comb, smooth_voxels=smooth, **keys).attenuating_mm[1, 96:224, 40]
+        waves.append(np.abs(np.fft.rfft(gland.astype(float)))[16])  # 32 mm hold 16 waves
+    expected = np.exp(-2.0 * np.pi**2 * SMOOTHING_VOXELS**2 / 4.0)
+    # The Gaussian is sampled on pixels of a quarter of a voxel and cut off at three deviations.
+    assert waves[0] / waves[1] == pytest.approx(expected, rel=0.02)
+
+
+def test_lengths_masks_and_small_bright_things_stay_exact():
+    smooth, sharp = both()
+    np.testing.assert_array_equal(smooth.length_mm, sharp.length_mm)
+    speck = smooth.tissues.index("speck")
+    np.testing.assert_array_equal(smooth.attenuating_mm[speck], sharp.attenuating_mm[speck])
+    lump = smooth.tissues.index("lump")
+    assert np.abs(smooth.attenuating_mm[lump] - sharp.attenuating_mm[lump]).max() > 0.5
+
+
+def test_sums_are_kept():
+    for smooth, sharp in zip(*(paths.attenuating_mm for paths in both()), strict=True):
+        # Single precision, and the cut-off of the Gaussian is made up for by its own sum.
+        assert smooth.sum(dtype=float) == pytest.approx(sharp.sum(dtype=float), rel=1e-6)
+
+
+def test_voxels_no_larger_than_a_pixel_are_left_alone():
+    smooth, sharp = both(pixel_mm=1.1)
+    np.testing.assert_array_equal(smooth.attenuating_mm, sharp.attenuating_mm)
+
+
+def test_without_conserved_mass_both_lengths_stay_one():
+    smooth, _ = both(conserve_mass=False)
+    assert smooth.attenuating_mm is smooth.length_mm
