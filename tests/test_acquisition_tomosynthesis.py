@@ -39,6 +39,8 @@ def test_load_and_dose_are_split_evenly(series):
     assert series.dose_mgy == pytest.approx(picture.dose_mgy, rel=1e-9)
     assert series.air_kerma_mgy == pytest.approx(picture.air_kerma_mgy, rel=1e-9)
     assert series.middle.dose_mgy == pytest.approx(picture.dose_mgy / 5, rel=1e-9)
+    assert series.middle.measures["projections"] == 5.0
+    assert series.middle.measures["dose_of_all_projections_mgy"] == series.dose_mgy
 
 
 def test_exposure_control_gives_the_load_and_dose_of_a_mammogram():

@@ -16,7 +16,7 @@ from PIL import Image
 
 from mammosim.config import read_yaml, to_settings
 from mammosim.errors import InputError
-from mammosim.pipeline import RunConfig
+from mammosim.pipeline import RunConfig, RunFolder, load_config
 
 SERIES = {"view": "CC", "angle_range_deg": 40, "projections": 3}
 
@@ -216,3 +216,20 @@ def test_check_tells_of_the_projections(folder):
     assert result.exit_code == 0, result.output
     assert "CC_DBT: compressed to 36 mm" in result.output
     assert "from 3 tube positions over 40 degrees" in result.output
+
+
+def test_a_views_own_files_are_relative_to_the_configuration(folder, tmp_path, monkeypatch):
+    """A spectrum beside the file, asked for by one view, from another folder."""
+    (folder / "line.txt").write_text("19 1e6\n20 1e6\n21 1e6\n")
+    views = ["CC", {"view": "MLO", "spectrum_file": "line.txt"},
+             {"view": "ML", "acquisition": {"spectrum_file": "line.txt"}}]  # fmt: skip
+    path = write(folder, "own.yaml", views=views)
+    monkeypatch.chdir(tmp_path)
+    config = load_config(path)
+    files = [config.section_for(view, "acquisition").spectrum_file for view in config.views]
+    assert files == [None, str(folder / "line.txt"), str(folder / "line.txt")]
+    hashes = []
+    for text in ("19 1e6\n20 1e6\n", "19 1e6\n20 2e6\n"):
+        (folder / "line.txt").write_text(text)
+        hashes.append(RunFolder(tmp_path / "run", config)._hash)
+    assert hashes[0] != hashes[1]

@@ -66,10 +66,10 @@ def edge_mtf(
     spread = np.bincount(bins[inside], image[inside], minlength=2 * reach) / count
     line = np.diff(spread)
     step_mm = pixel_mm / OVERSAMPLING
-    frequency = np.fft.rfftfreq(line.size, step_mm)
+    frequency = np.fft.rfftfreq(line.size, step_mm).astype(np.float64)
     kept = frequency <= 0.5 / pixel_mm * (1.0 + 1e-9)
     spectrum = np.abs(np.fft.rfft(line))
-    mtf = spectrum / spectrum[0] / np.sinc(frequency * step_mm) ** 2
+    mtf: NDArray[np.float64] = spectrum / spectrum[0] / np.sinc(frequency * step_mm) ** 2
     return frequency[kept], mtf[kept]
 
 
@@ -139,8 +139,8 @@ def noise_power(
         raise InputError(f"noise_power: found no picture of {side} x {side} pixels or more")
     total *= pixel_mm**2 / (squares * side**2)
     near = np.r_[1 : ROWS_BESIDE_AXIS + 1, side - ROWS_BESIDE_AXIS : side]
-    along = 0.5 * (total[near].mean(axis=0) + total[:, near].mean(axis=1))
-    frequency = np.fft.fftfreq(side, pixel_mm)
+    along: NDArray[np.float64] = 0.5 * (total[near].mean(axis=0) + total[:, near].mean(axis=1))
+    frequency = np.fft.fftfreq(side, pixel_mm).astype(np.float64)
     used = slice(1, side // 2)
     return frequency[used], along[used]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -120,6 +120,8 @@ def expose_arc(
     stack = np.empty((count, gantry.rows, gantry.columns), np.uint16)
     signal, exposure = record(arrival, mas, _noise_of(seed, middle))
     shown = mammogram_of(arrival, exposure, signal, gain)
+    whole = {"projections": float(count), "dose_of_all_projections_mgy": shown.dose_mgy * count}
+    shown = replace(shown, measures={**shown.measures, **whole})
     stack[middle] = shown.for_processing
     del arrival, signal, paths
     for index in (*range(middle), *range(middle + 1, count)):

@@ -218,11 +218,38 @@ def load_config(path: str | os.PathLike[str], changes: Sequence[str] = ()) -> Ru
 
 
 def _make_paths_absolute(values: dict[str, Any], folder: Path) -> None:
+    for where, value in named_paths(values):
+        block = values
+        for key in where[:-1]:
+            block = block[key]
+        block[where[-1]] = str(folder / Path(value).expanduser())
+
+
+def named_paths(values: dict[str, Any]) -> list[tuple[tuple[Any, ...], str]]:
+    """Where a configuration's plain values name files, and the paths: in sections and in views."""
+    found: list[tuple[tuple[Any, ...], Any]] = []
+    views = values.get("views")
     for section, key in PATH_KEYS:
-        block = values.get(section)
-        value = block.get(key) if isinstance(block, dict) else None
-        if block and isinstance(value, str) and (key.endswith("file") or Path(value).suffix):
-            block[key] = str(folder / Path(value).expanduser())
+        places: list[tuple[Any, ...]] = [(section,)]
+        if section in VIEW_SECTIONS and isinstance(views, list):
+            for number in range(len(views)):
+                places += [("views", number), ("views", number, section)]
+        found += [((*place, key), _inside(values, (*place, key))) for place in places]
+    return [
+        (where, value)
+        for where, value in found
+        if isinstance(value, str) and (where[-1].endswith("file") or Path(value).suffix)
+    ]
+
+
+def _inside(values: Any, where: tuple[Any, ...]) -> Any:
+    """What stands at a key path; None where nothing does."""
+    for key in where:
+        if isinstance(key, int):
+            values = values[key] if isinstance(values, list) else None
+        else:
+            values = values.get(key) if isinstance(values, dict) else None
+    return values
 
 
 def _apply(values: dict[str, Any], change: str) -> None:

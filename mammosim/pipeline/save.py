@@ -27,7 +27,7 @@ from mammosim.export import (
     write_text,
 )
 from mammosim.phantom.readers import open_voxels
-from mammosim.pipeline.run_config import PATH_KEYS, RunConfig
+from mammosim.pipeline.run_config import RunConfig, named_paths
 from mammosim.projection import PathLengths, compressed_labels
 from mammosim.report import (
     ReportedView,
@@ -133,7 +133,7 @@ class RunFolder:
 
 def _inputs(config: RunConfig) -> list[str]:
     """Hashes of the files that a configuration names, and of those that they consist of."""
-    named = [Path(value) for (_, key), value in _paths(config) if key != "file"]
+    named = [Path(value) for where, value in _paths(config) if where != ("phantom", "file")]
     files = [path for path in named if path.is_file()]
     if config.phantom.file is not None:
         files += open_voxels(config.phantom.file).files
@@ -143,15 +143,17 @@ def _inputs(config: RunConfig) -> list[str]:
 def _without_paths(config: RunConfig) -> dict[str, Any]:
     """The configuration's values, without where its input files lie."""
     values = config.plain()
-    for (section, key), value in _paths(config):
-        values[section][key] = Path(value).name
+    for where, value in _paths(config):
+        block = values
+        for key in where[:-1]:
+            block = block[key]
+        block[where[-1]] = Path(value).name
     return values
 
 
-def _paths(config: RunConfig) -> list[tuple[tuple[str, str], str]]:
-    plain = config.plain()
-    named = [((section, key), plain[section].get(key)) for section, key in PATH_KEYS]
-    return [(where, value) for where, value in named if value and Path(value).is_absolute()]
+def _paths(config: RunConfig) -> list[tuple[tuple[Any, ...], str]]:
+    named = named_paths(config.plain())
+    return [(where, value) for where, value in named if Path(value).is_absolute()]
 
 
 def check_output(path: Path, resume: bool, overwrite: bool) -> None:
