@@ -71,6 +71,8 @@ def tissue_front(breast: BreastPhantom) -> Reach:
     layers = np.zeros(breast.labels.shape[0], np.int64)
     tissue_reach(breast.labels, np.arange(256) > 0, layers)
     some = np.flatnonzero(layers)
+    if some.size == 0:
+        raise InputError(f"{breast.source}: no tissue, every voxel is air")
     face = breast.origin_mm[0] - 0.5 * breast.voxel_mm[0]
     chest_wall = face + some[0] * breast.voxel_mm[0]
     tissue_reach(breast.labels, _table(breast, "muscle"), layers)

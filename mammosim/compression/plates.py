@@ -88,10 +88,11 @@ def place_plates(
     if thickness is None:
         fitted = population_thickness_mm(view, volume_ml)
         thickness = min(fitted, MOST_OF_HEIGHT * height)
-        notes = (
-            f"{view}: thickness {thickness:.1f} mm from the population fit for "
-            f"{volume_ml:.0f} mL of breast",
-        )
+        if settings.force_n is None:
+            notes = (
+                f"{view}: thickness {thickness:.1f} mm from the population fit for "
+                f"{volume_ml:.0f} mL of breast",
+            )
     elif thickness >= height:
         raise InputError(
             f"compression.thickness_mm: found {thickness:g}, but the breast between the plates is "

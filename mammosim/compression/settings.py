@@ -9,6 +9,40 @@ from pydantic import Field, field_validator, model_validator
 from mammosim.config import Settings
 from mammosim.tissues import STIFFNESS_SETS
 
+SPRINGS_ONLY = ("spring_law", "gravity", "chest_wall_mm", "plates_voxel")
+"""Keys that other models do not know."""
+
+
+class PlatesInVoxels(Settings):
+    """Plates and chest wall as the source thesis counts them, in the phantom's voxels.
+
+    Heights count from the lowest tissue layer, 0, upwards; depths from the foremost tissue layer,
+    0, backwards to the chest wall. Both are places of voxels' centres, and hold for the view CC.
+    """
+
+    lower: float
+    """Height of the breast support's face (the thesis' LowerPlate), voxels from the lowest tissue
+    layer."""
+
+    upper: float
+    """Height of the paddle's face (UpperPlate), voxels from the lowest tissue layer."""
+
+    edge: float | None = Field(None, gt=0)
+    """Depth of the plates' edge (platePosition), voxels from the nipple; left out: as
+    `plate_edge_mm`."""
+
+    chest_wall: float | None = Field(None, gt=0)
+    """Depth from which on tissue is held (chestPosition), voxels from the nipple; left out: the
+    last tissue layer."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.upper <= self.lower:
+            raise ValueError("upper must be greater than lower")
+        if self.edge is not None and self.chest_wall is not None and self.chest_wall <= self.edge:
+            raise ValueError("chest_wall must be greater than edge")
+        return self
+
 
 class CompressionSettings(Settings):
     """How the breast is compressed."""
@@ -33,6 +67,10 @@ class CompressionSettings(Settings):
     paddle_z_mm: float | None = None
     """Final height of the paddle's face, compression frame, mm; with `support_z_mm`."""
 
+    plates_voxel: PlatesInVoxels | None = None
+    """Plates and chest wall in the phantom's voxels, as the source thesis gives them, in place of
+    the keys in mm; view CC only."""
+
     resolution_mm: float = Field(1.0, ge=0.1, le=10)
     """Node spacing of the mechanical lattice, mm; 1 mm resolves skin and glandular lobes."""
 
@@ -41,6 +79,10 @@ class CompressionSettings(Settings):
 
     chest_wall: Literal["fixed"] = "fixed"
     """How the chest-wall plane is held: `fixed` wholly."""
+
+    chest_wall_mm: float | None = None
+    """Breast-frame x up to which tissue is held as the chest wall, mm; left out: the first tissue
+    layer."""
 
     muscle: Literal["fixed", "soft"] | None = None
     """Whether labelled muscle is held or deforms with the breast; left out: `soft` where it
@@ -53,6 +95,14 @@ class CompressionSettings(Settings):
 
     stiffness: str = "thesis"
     """Stiffness set of the tissue table; `thesis` is what the spring model was published with."""
+
+    spring_law: Literal["linear", "exponential"] = "linear"
+    """Whether springs keep their stiffness or gain with strain as in the thesis' listing, E = Ec
+    exp(Enl e); clinical forces need the latter."""
+
+    gravity: bool = False
+    """Let the breast's weight act, the patient standing; tissue moves from its shape in the
+    phantom, which is taken as free of weight."""
 
     tolerance_voxel: float = Field(1e-3, gt=0, le=0.1)
     """Largest estimated distance of a node from equilibrium at which `multigrid` stops, lattice
@@ -78,8 +128,26 @@ class CompressionSettings(Settings):
         if heights[0] != heights[1]:
             raise ValueError("support_z_mm and paddle_z_mm are given together or not at all")
         ways = [self.thickness_mm is not None, self.force_n is not None, all(heights)]
+        ways.append(self.plates_voxel is not None)
         if sum(ways) > 1:
-            raise ValueError("give one of thickness_mm, force_n, or support_z_mm with paddle_z_mm")
+            raise ValueError(
+                "give one of thickness_mm, force_n, support_z_mm with paddle_z_mm, or plates_voxel"
+            )
         if all(heights) and self.paddle_z_mm <= self.support_z_mm:  # type: ignore[operator]
             raise ValueError("paddle_z_mm must be greater than support_z_mm")
+        return self
+
+    @model_validator(mode="after")
+    def _depths_in_one_unit(self) -> Self:
+        for key, depth in (("plate_edge_mm", "edge"), ("chest_wall_mm", "chest_wall")):
+            given = self.plates_voxel is not None and getattr(self.plates_voxel, depth) is not None
+            if given and getattr(self, key) is not None:
+                raise ValueError(f"give one of {key} and plates_voxel.{depth}")
+        return self
+
+    @model_validator(mode="after")
+    def _springs_own_keys(self) -> Self:
+        given = [key for key in SPRINGS_ONLY if getattr(self, key) not in (None, False, "linear")]
+        if given and self.model != "springs":
+            raise ValueError(f"{', '.join(given)}: only the model springs knows that")
         return self

@@ -41,7 +41,7 @@ def stiffened(modulus, growth, n: tuple, m: tuple, strain: float) -> tuple[float
     """Stiffness of a strained spring, and how much steeper than that its force is per strain."""
     grown = [(modulus[a] * np.exp(growth[a] * min(strain, 0.6)), growth[a]) for a in (n, m)]
     softer = min(grown, key=lambda pair: pair[0])
-    return float(softer[0]), float(softer[1]) if strain < 0.6 else 0.0
+    return float(softer[0]), float(softer[1])
 
 
 def spring_force(modulus, growth, places, n: tuple, offset: tuple) -> tuple[np.ndarray, np.ndarray]:

@@ -6,13 +6,11 @@ import numpy as np
 
 from mammosim._jit import contracting_kernel, inlined_kernel, kernel
 from mammosim.compression.springs._exponential_kernels import (
+    SHORTEST,
     spring_strain,
     stiffened,
 )
 from mammosim.compression.springs._plate_kernels import foremost
-
-SHORTEST = 1e-3
-"""Length of a spring at least, lattice units, where its slope is taken."""
 
 
 class Springs(NamedTuple):

@@ -24,7 +24,7 @@ from mammosim.compression.springs.multigrid import (
     Workspace,
     conjugate_gradients,
 )
-from mammosim.compression.springs.problem import CHEST_WALL_INDEX, SpringProblem, SpringState
+from mammosim.compression.springs.problem import SpringProblem, SpringState
 from mammosim.compression.springs.resolution import Displacement, coarsened, interpolated
 
 HISTORY = np.dtype(
@@ -128,7 +128,10 @@ class _Run:
         load_x, load_y = (np.zeros(ux.shape, np.float32) for _ in range(2))
         between = partial(lattice.hold_between_faces, plates=self.problem.plates)
         before = partial(
-            lattice.hold_before_ends, uz=uz, plates=self.problem.plates, chest=CHEST_WALL_INDEX
+            lattice.hold_before_ends,
+            uz=uz,
+            plates=self.problem.plates,
+            chest=float(self.problem.chest),
         )
         for axis in (
             _Axis("z", uz, self.problem.force[2], unheld, between),

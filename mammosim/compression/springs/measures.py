@@ -10,6 +10,7 @@ from mammosim.compression.springs._measure_kernels import (
     held_columns,
     touching_area,
 )
+from mammosim.compression.springs.exponential import strained
 from mammosim.compression.springs.multigrid import LatticeLevel
 from mammosim.compression.springs.problem import SpringProblem, SpringState
 
@@ -88,6 +89,8 @@ def _contact(
     """Which plate holds each node, and the other forces on it along z, kPa x lattice units."""
     uz = state.displacement[2]
     force = np.zeros(uz.shape, np.float32)
+    if problem.growth is not None:
+        problem = strained(problem, state.displacement)
     LatticeLevel.of(problem).residual(uz, problem.force[2], force)
     z = np.arange(uz.shape[2]) + uz
     between = np.arange(uz.shape[0])[:, None, None] > problem.edge

@@ -48,6 +48,8 @@ class SpringProblem:
     growth : ndarray of float32, [x, y, z], optional
         Enl of springs that stiffen as they are strained: a spring strained by e has the smaller
         ``modulus exp(growth e)`` of its two nodes. None: linear springs.
+    chest : float
+        x of the chest wall, which no node crosses.
     """
 
     modulus: NDArray[np.float32]
@@ -59,6 +61,7 @@ class SpringProblem:
     stiffness: NDArray[np.float32] | None = None
     edge_radius: float = EDGE_RADIUS
     growth: NDArray[np.float32] | None = None
+    chest: float = CHEST_WALL_INDEX
 
     @property
     def tissue(self) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from mammosim.compression.springs._relaxation_kernels import Springs, mark_nodes, sweep
 from mammosim.compression.springs.deviation import remaining_deviation
-from mammosim.compression.springs.problem import CHEST_WALL_INDEX, SpringProblem, SpringState
+from mammosim.compression.springs.problem import SpringProblem, SpringState
 from mammosim.compression.springs.series_start import series_start
 
 THESIS_LIMIT = 1e-4
@@ -65,7 +65,7 @@ def relax(
     rest = np.indices(problem.modulus.shape, dtype=np.float64)
     displacement = start.displacement if start is not None else series_start(problem)
     x, y, z = (place + u for place, u in zip(rest, displacement, strict=True))
-    plates, chest = problem.plates, float(CHEST_WALL_INDEX)
+    plates, chest = problem.plates, float(problem.chest)
     if not np.isfinite(problem.edge):  # no plates: every node counts
         plates = plates._replace(edge=-np.inf)
     visited = np.zeros(problem.modulus.shape, np.uint8)

@@ -40,6 +40,7 @@ def coarsened(problem: SpringProblem) -> SpringProblem:
         (problem.edge + 1.0) / 2.0,
         (_gathered(force_x, tissue), _gathered(force_y, tissue), _gathered(force_z, tissue)),
         edge_radius=problem.edge_radius / 2.0,
+        chest=(problem.chest + 1.0) / 2.0,
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.compression.springs._series_kernels import series_columns
-from mammosim.compression.springs.problem import CHEST_WALL_INDEX, SpringProblem
+from mammosim.compression.springs.problem import SpringProblem
 
 
 def series_start(
@@ -30,12 +30,10 @@ def series_start(
     nx, ny, nz = modulus.shape
     z = np.broadcast_to(np.arange(nz, dtype=np.float64), modulus.shape).copy()
     widening = np.ones(modulus.shape)
-    span = problem.span()
-    series_columns(
-        modulus, span, CHEST_WALL_INDEX, problem.edge, problem.lower, problem.upper, z, widening
-    )
+    span, chest = problem.span(), int(problem.chest)
+    series_columns(modulus, span, chest, problem.edge, problem.lower, problem.upper, z, widening)
     x = np.cumsum(widening, axis=0)
-    x += CHEST_WALL_INDEX - x[CHEST_WALL_INDEX]
+    x += chest - x[chest]
     y = np.cumsum(widening, axis=1)
     y += 0.5 * (ny - 1) - 0.5 * (y[:, :1] + y[:, -1:])
     free = problem.tissue & ~problem.fixed
