@@ -178,6 +178,8 @@ def test_oblique_axes_are_refused(tmp_path):
      ({"ElementType": "MET_STRING"}, "ElementType is 'MET_STRING', expected one of MET_UCHAR"),
      ({"ElementNumberOfChannels": "3"}, "more than one value a voxel"),
      ({"ElementDataFile": "../b.raw"}, "expected a file beside the header"),
+     ({"HeaderSize": "a"}, "HeaderSize is 'a', expected a whole number from -1"),
+     ({"HeaderSize": "99999"}, "holds 0 bytes of voxels, expected 693"),
      ({"ElementDataFile": "c.raw"}, "does not exist, nor does c.raw.gz")],
 )  # fmt: skip
 def test_metaimage_headers_that_cannot_be_used(tmp_path, changes, message):

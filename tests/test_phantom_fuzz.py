@@ -109,7 +109,7 @@ def test_a_file_with_some_bytes_changed(sound, data):
         st.sampled_from(
             ["DimSize", "ElementSpacing", "Offset", "TransformMatrix", "ElementType", "NDims",
              "ElementDataFile", "AnatomicalOrientation", "BinaryDataByteOrderMSB", "BinaryData",
-             "ElementNumberOfChannels", "CompressedData"]
+             "ElementNumberOfChannels", "CompressedData", "HeaderSize"]
         ),
         WORDS, min_size=1, max_size=3,
     )

@@ -38,7 +38,7 @@ def determinant(axes: str) -> float:
 @pytest.mark.parametrize("muscle_mm", [0.0, 8.0])
 def test_a_breast_without_nipple_is_found_by_its_chest_wall(axis, sense, muscle_mm):
     labels = half_ellipsoid_breast(muscle_mm=muscle_mm).labels
-    found = find_chest_wall(looking(labels, axis, sense), np.ones(3), MAP)
+    found = find_chest_wall(looking(labels, axis, sense), MAP)
     assert found == (axis, sense)
 
 
@@ -46,24 +46,24 @@ def test_a_breast_without_nipple_is_found_by_its_chest_wall(axis, sense, muscle_
 def test_the_nipple_decides_where_there_is_one(axis, sense):
     labels = np.ones((20, 24, 22), np.uint8)  # no face is cut flat, or all are
     labels[18:, 11:13, 10:12] = 33
-    assert find_chest_wall(looking(labels, axis, sense), np.ones(3), MAP) == (axis, sense)
+    assert find_chest_wall(looking(labels, axis, sense), MAP) == (axis, sense)
 
 
 def test_specks_and_air_do_not_hide_the_chest_wall():
     labels = np.pad(half_ellipsoid_breast().labels, 9)
     labels[2, 3, 4] = labels[-2, 40, 20] = 1
-    assert find_chest_wall(labels, np.ones(3), MAP) == (0, 1)
+    assert find_chest_wall(labels, MAP) == (0, 1)
 
 
 @pytest.mark.parametrize("values", [np.zeros((5, 6, 7)), np.ones((5, 6, 7))])
 def test_where_there_is_nothing_to_see_nothing_is_found(values):
-    assert find_chest_wall(values.astype(np.uint8), np.ones(3), MAP) is None
+    assert find_chest_wall(values.astype(np.uint8), MAP) is None
 
 
 def test_a_ball_has_no_chest_wall():
     index = np.indices((30, 30, 30)) - 14.5
     ball = (np.linalg.norm(index, axis=0) < 12).astype(np.uint8)
-    assert find_chest_wall(ball, np.ones(3), MAP) is None
+    assert find_chest_wall(ball, MAP) is None
 
 
 @pytest.mark.parametrize(("axis", "sense"), LOOKS)

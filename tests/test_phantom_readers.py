@@ -105,6 +105,22 @@ def test_a_voxel_keeps_its_place_in_the_patient_whatever_the_files_axes(tmp_path
     )
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "raw"])
+def test_nrrd_without_a_space_does_not_say_its_axes(tmp_path, encoding):
+    raw = small_breast().tobytes(order="F")
+    voxels = {"raw": raw, "ascii": " ".join(map(str, raw)).encode()}
+    header = (
+        "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 7 9 11\nspacings: 0.5 0.75 1\n"
+        f"encoding: {encoding}\n\n"
+    )
+    (tmp_path / "b.nrrd").write_bytes(header.encode() + voxels[encoding])
+    breast = read_phantom(tmp_path / "b.nrrd", axes="ALS")
+    np.testing.assert_array_equal(breast.labels, small_breast())
+    np.testing.assert_allclose(breast.voxel_mm, SPACING)
+    notes = read_phantom(tmp_path / "b.nrrd").notes
+    assert any("does not say how its axes lie" in note for note in notes)
+
+
 @pytest.mark.parametrize("axes", ["ALS", "LSA", "SAL", "PRS", "ARI", "RSP"])
 def test_a_dicom_series_of_any_direction_is_turned(tmp_path, axes):
     where = [AXIS_OF_LETTER[letter] for letter in axes]
@@ -189,13 +205,14 @@ def test_openvct_that_is_compressed_already_is_noted(tmp_path):
     assert any("compressed already (DEFORM_CC)" in note for note in breast.notes)
 
 
-def test_tiff_by_ome_and_by_imagej(tmp_path):
+@pytest.mark.parametrize("unit", ["micron", r"\u00B5m"])
+def test_tiff_by_ome_and_by_imagej(tmp_path, unit):
     pages = small_breast().transpose(2, 1, 0)
     sizes = {f"PhysicalSize{axis}": size for axis, size in zip("XYZ", SPACING, strict=True)}
     units = {f"PhysicalSize{axis}Unit": "mm" for axis in "XYZ"}
     tifffile.imwrite(tmp_path / "b.ome.tif", pages, metadata={"axes": "ZYX", **sizes, **units})
     np.testing.assert_allclose(read_phantom(tmp_path / "b.ome.tif").voxel_mm, SPACING)
-    microns = {"spacing": 1000 * SPACING[2], "unit": "micron", "axes": "ZYX"}
+    microns = {"spacing": 1000 * SPACING[2], "unit": unit, "axes": "ZYX"}
     tifffile.imwrite(
         tmp_path / "b.tif", pages, imagej=True, metadata=microns,
         resolution=(1e-3 / SPACING[0], 1e-3 / SPACING[1]),
@@ -220,6 +237,13 @@ def test_axes_against_the_header_lose_the_place(tmp_path):
     np.testing.assert_allclose(same.origin_mm, ORIGIN)
     np.testing.assert_array_equal(other.labels, small_breast().transpose(2, 0, 1))
     assert "its corner voxel is at 0" in other.orientation
+
+
+@pytest.mark.parametrize(("voxel_mm", "length"), [(2e-4, "0.0022"), (200.0, "2.2e+03")])
+def test_a_voxel_size_in_another_unit_is_noted(tmp_path, voxel_mm, length):
+    path = save(tmp_path / "b.npy", small_breast())
+    notes = read_phantom(path, voxel_mm=voxel_mm).notes
+    assert any(f"b.npy is {length} mm long: if its voxel size is in" in note for note in notes)
 
 
 @pytest.mark.parametrize("axes", ["als", "AL", "ALL", "AP S", "LRS"])
@@ -273,6 +297,13 @@ def test_voxels_whose_first_bytes_look_compressed(tmp_path, said):
         path = save_victre(tmp_path, packed, "b.raw", CompressedData=said)
         read = read_volume(path, label_map=load_label_map(str(tmp_path / "map.yaml")))
         np.testing.assert_array_equal(read.values, labels)
+
+
+@pytest.mark.parametrize("size", ["5", "-1"])
+def test_voxels_after_a_header_of_another_kind(tmp_path, size):
+    raw = bytes(5) + small_breast().tobytes(order="F")
+    path = save_victre(tmp_path, raw, "b.raw", HeaderSize=size)
+    np.testing.assert_array_equal(read_phantom(path).labels, small_breast())
 
 
 def test_compressed_voxels_as_long_as_their_content(tmp_path):

@@ -23,7 +23,8 @@ SPECK_PART = 0.01
 
 LEAST_WALL = 0.3
 """Least difference of tissue between the two ends of an axis, of its largest section, that makes a
-chest wall; a half-ellipsoid has 1. Chosen."""
+chest wall. Chosen: twelve generated breasts and FDA's have 0.92 to 0.99 from chest wall to nipple,
+and no more than 0.05 along the other axes."""
 
 LEAST_LEAD = 2.0
 """How far the chest wall's difference must exceed that of the next axis. Chosen."""
@@ -32,16 +33,12 @@ LEAST_NIPPLE = 0.4
 """Least distance of the nipple from the middle of all tissue, of half its extent. Chosen."""
 
 
-def find_chest_wall(
-    values: NDArray[Any], voxel_mm: NDArray[np.float64], tissue_of: Mapping[int, str]
-) -> tuple[int, int] | None:
+def find_chest_wall(values: NDArray[Any], tissue_of: Mapping[int, str]) -> tuple[int, int] | None:
     """The axis along which a breast points forward, and its sense.
 
     Parameters
     ----------
     values : ndarray, [i, j, k]
-    voxel_mm : ndarray, (3,)
-        Along i, j, k, mm.
     tissue_of : mapping of int to str
         Tissue of each value; values that it does not name count as tissue.
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from mammosim.errors import InputError
 from mammosim.phantom.chest_wall import find_axes, find_chest_wall
@@ -15,6 +15,9 @@ from mammosim.phantom.readers import Volume, VoxelFile, open_voxels
 from mammosim.phantom.readers.axes import AXES_EXPECTED, are_axes, turn
 from mammosim.phantom.readers.volume import checked_spacing
 from mammosim.tissues import DEFAULT_LABELS, LABEL_MAPS
+
+LEAST_LENGTH_MM, MOST_LENGTH_MM = 5.0, 1000.0
+"""Of a volume's longest side: shorter or longer ones are some other unit's. Chosen."""
 
 
 def open_checked(path: str | Path, axes: str | None = None, reduce: int = 1) -> VoxelFile:
@@ -92,17 +95,29 @@ def read_volume(
             f"{' x '.join(map(str, voxels.values.shape))} of {opened.count / 1e6:.4g} million"
         )
     tissue_of = label_map or opened.label_map or LABEL_MAPS[DEFAULT_LABELS]
-    found = find_chest_wall(voxels.values, spacing, tissue_of)
+    found = find_chest_wall(voxels.values, tissue_of)
     letters, orientation, remarks = _orientation(opened, axes, found)
     first = voxels.first_mm if voxels.first_mm is not None else opened.first_mm
     if first is None or letters != (opened.axes or letters):
         orientation += "; its corner voxel is at 0, since its position is not known"
         first = np.zeros(3)
+    remarks += _size_remarks(opened, spacing)
     values, spacing, origin = turn(voxels.values, spacing, first, letters, reduce)
     return Volume(
         values, spacing, origin, orientation, opened.laterality, opened.label_map,
         (*notes, *remarks),
     )  # fmt: skip
+
+
+def _size_remarks(opened: VoxelFile, spacing_mm: NDArray[np.float64]) -> list[str]:
+    """What is to be said of a volume that no breast fills, as where its unit is not the mm."""
+    longest = float(max(spacing_mm * opened.shape))
+    if LEAST_LENGTH_MM <= longest <= MOST_LENGTH_MM:
+        return []
+    return [
+        f"{opened.path.name} is {longest:.3g} mm long: if its voxel size is in another unit, say "
+        "it in mm with phantom.voxel_mm"
+    ]
 
 
 def _check_wishes(opened: VoxelFile, axes: str | None, reduce: int) -> None:

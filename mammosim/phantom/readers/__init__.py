@@ -51,8 +51,16 @@ def open_voxels(path: str | Path) -> VoxelFile:
         If the ending is not known or there is no such file, or the reader's own errors.
     """
     path = Path(path)
+    open_header = _reader_of(path)
+    try:
+        return open_header(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
+def _reader_of(path: Path) -> Callable[[Path], VoxelFile]:
     if path.is_dir():
-        return open_dicom_series(path)
+        return open_dicom_series
     name = path.name.lower()
     if name.endswith(".dcm") and path.is_file():
         raise InputError(
@@ -66,10 +74,7 @@ def open_voxels(path: str | Path) -> VoxelFile:
         )
     if not path.is_file():
         raise InputError(f"{path}: no such file")
-    try:
-        return READERS[max(matching, key=len)](path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    return READERS[max(matching, key=len)]
 
 
 __all__ = ["READERS", "Volume", "VoxelFile", "Voxels", "open_voxels"]

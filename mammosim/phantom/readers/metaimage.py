@@ -180,7 +180,8 @@ def _find_voxels(
         data_path, start = _data_path(name, path), 0
         if data_path.name != name:
             notes.append(f"{path.name} names {name}; {data_path.name} was read")
-    length = data_path.stat().st_size - start
+    start += _skipped_bytes(header, data_path.stat().st_size - start, promised, path)
+    length = max(data_path.stat().st_size - start, 0)
     with data_path.open("rb") as stream:
         stream.seek(start)
         magic = stream.read(2)
@@ -188,6 +189,15 @@ def _find_voxels(
     says = header.get("CompressedData", "False").lower() == "true"
     packed = magic == GZIP_MAGIC or magic[:1] == ZLIB_FIRST_BYTE
     return VoxelBytes(data_path, start, length, packed and (says or length != promised)), notes
+
+
+def _skipped_bytes(header: Mapping[str, str], held: int, promised: int, path: Path) -> int:
+    """HeaderSize: bytes of another header before the voxels; -1 puts them at the file's end."""
+    text = header.get("HeaderSize", "0")
+    digits = text.removeprefix("-")
+    if not (digits.isascii() and digits.isdigit()) or len(digits) > 18 or int(text) < -1:
+        raise InputError(f"{path}: HeaderSize is '{text}', expected a whole number from -1")
+    return max(held - promised, 0) if text == "-1" else int(text)
 
 
 def _data_path(name: str, path: Path) -> Path:

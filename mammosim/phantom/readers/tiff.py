@@ -37,11 +37,11 @@ AXES_KEY = "patient_axes"
 """Key of ImageJ's description under which mammosim writes the letters of the axes."""
 
 MM_OF_UNIT = {
-    "mm": 1.0, "millimeter": 1.0, "millimeters": 1.0, "cm": 10.0, "centimeter": 10.0,
-    "um": 1e-3, "µm": 1e-3, "\u03bcm": 1e-3, "micron": 1e-3, "microns": 1e-3, "m": 1e3, "nm": 1e-6,
-    "inch": 25.4,
+    "mm": 1.0, "millimeter": 1.0, "millimeters": 1.0, "cm": 10.0, "centimeter": 10.0, "m": 1e3,
+    "um": 1e-3, "\u00b5m": 1e-3, "\u03bcm": 1e-3, r"\u00B5m": 1e-3, "micron": 1e-3,
+    "microns": 1e-3, "nm": 1e-6, "inch": 25.4,
 }  # fmt: skip
-"""Length units of ImageJ and OME, mm."""
+"""Length units of ImageJ and OME, mm; ImageJ writes its micro sign as an escape."""
 
 MAX_RATIO = 3000.0
 """Above the greatest compression of a TIFF's usual codings: LZW stands for at most 4 kB by each
@@ -186,7 +186,7 @@ def _ome_sizes(text: str) -> list[float] | None:
         pixels = next(item for item in parse_xml(text).iter() if item.tag.endswith("}Pixels"))
         return [
             float(pixels.attrib[f"PhysicalSize{axis}"])
-            * MM_OF_UNIT[pixels.attrib.get(f"PhysicalSize{axis}Unit", "µm")]
+            * MM_OF_UNIT[pixels.attrib.get(f"PhysicalSize{axis}Unit", "\u00b5m")]
             for axis in "XYZ"
         ]
     except (ParseError, StopIteration, KeyError, ValueError):

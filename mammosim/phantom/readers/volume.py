@@ -15,6 +15,9 @@ from mammosim.errors import InputError
 MAX_DEFLATE_RATIO = 1032
 """Deflate's greatest compression (zlib technical details): a header that promises more lies."""
 
+LEAST_MM, MOST_MM = 1e-6, 1e3
+"""Of a voxel: far beyond any phantom in either direction, even with its size in metres or nm."""
+
 
 class Voxels(NamedTuple):
     """Voxels as they are in the file.
@@ -131,12 +134,13 @@ def checked_shape(shape: ArrayLike, path: Path) -> tuple[int, int, int]:
 
 
 def checked_spacing(spacing_mm: ArrayLike, path: Path) -> NDArray[np.float64]:
-    """(3,) voxel size, refused unless positive and finite."""
+    """(3,) voxel size, refused unless positive and of this world."""
     spacing = np.asarray(spacing_mm, dtype=np.float64)
-    if spacing.shape != (3,) or not (np.isfinite(spacing).all() and (spacing > 0).all()):
+    # Not (< least), so that NaN is refused too.
+    if spacing.shape != (3,) or not ((spacing >= LEAST_MM) & (spacing <= MOST_MM)).all():
         raise InputError(
             f"{path}: voxel size is {np.asarray(spacing_mm).tolist()} mm, expected three positive "
-            "numbers"
+            f"numbers from {LEAST_MM:g} to {MOST_MM:g}"
         )
     return spacing
 
