@@ -9,12 +9,14 @@ import signal
 import numpy as np
 import pytest
 import tifffile
-from make_records import make_gantry, make_mammogram, make_paths
+from make_records import make_gantry, make_mammogram, make_paths, make_targets
 from PIL import Image
 
 from mammosim.errors import InputError
 from mammosim.export import (
+    write_density_tiff,
     write_glandular_tiff,
+    write_lesion_lengths_tiff,
     write_mammogram_tiff,
     write_path_lengths,
     write_preview,
@@ -90,6 +92,30 @@ def test_channels_of_glandular_material_are_added(tmp_path):
     write_glandular_tiff(paths, tmp_path / "gland.tif")
     expected = paths.length_mm[0] + paths.length_mm[1]
     np.testing.assert_allclose(tifffile.imread(tmp_path / "gland.tif"), expected, rtol=1e-6)
+
+
+def test_density_is_gland_over_all_but_muscle(tmp_path):
+    plain = make_paths(VIEW)
+    paths = dataclasses.replace(
+        plain, materials=("adipose", "gland", "muscle", "calcification", "titanium")
+    )
+    write_density_tiff(paths, tmp_path / "density.tif")
+    density = tifffile.imread(tmp_path / "density.tif")
+    breast = paths.length_mm.sum(axis=0) - paths.length_mm[2]
+    assert np.isnan(density[breast == 0.0]).all()
+    expected = 100.0 * paths.length_mm[1][breast > 0.0] / breast[breast > 0.0]
+    np.testing.assert_allclose(density[breast > 0.0], expected, rtol=1e-6)
+    assert density[breast > 0.0].max() > 10.0
+
+
+def test_lesion_lengths_are_pages_that_name_their_lesion(tmp_path):
+    paths = make_paths(VIEW)
+    write_lesion_lengths_tiff(paths, make_targets(VIEW), tmp_path / "lengths.tif")
+    with tifffile.TiffFile(tmp_path / "lengths.tif") as file:
+        named = [page.description for page in file.pages]
+        assert named == ["target_id 1: mass 1", "target_id 2: calcs", "target_id 3: clip A"]
+        for page, channel in zip(file.pages, (2, 3, 4), strict=True):
+            np.testing.assert_array_equal(page.asarray(), paths.length_mm[channel])
 
 
 def test_path_lengths_come_back_without_pickles(tmp_path):

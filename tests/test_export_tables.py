@@ -121,8 +121,8 @@ def test_a_views_folder_holds_the_promised_files_and_reruns_are_identical(tmp_pa
     files = write_folder(tmp_path / "RMLO", ExportSettings())
     assert set(files) == {
         "for_processing.dcm", "for_presentation.dcm", "mammogram.tif", "preview.png",
-        "lesion_mask.dcm", "lesion_mask.tif", "compressed.nii.gz", "displacement.nii.gz",
-        "convergence.csv", "compression.json",
+        "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm", "compressed.nii.gz",
+        "displacement.nii.gz", "convergence.csv", "compression.json",
     }  # fmt: skip
     assert files == write_folder(tmp_path / "again", ExportSettings())
 
@@ -130,9 +130,13 @@ def test_a_views_folder_holds_the_promised_files_and_reruns_are_identical(tmp_pa
 def test_files_can_be_left_out_and_asked_for(tmp_path):
     off = ExportSettings(dicom=False, tiff=False, png=False, volumes=False)
     assert set(write_folder(tmp_path / "a", off)) == {"convergence.csv", "compression.json"}
-    more = off.model_copy(update={"path_lengths": True, "glandular_thickness": True})
+    truth = ("path_lengths", "glandular_thickness", "volumetric_density", "lesion_lengths")
+    more = off.model_copy(update=dict.fromkeys(truth, True))
     asked = set(write_folder(tmp_path / "b", more)) - set(write_folder(tmp_path / "a", off))
-    assert asked == {"path_lengths.npz", "glandular_thickness.tif"}
+    assert asked == {
+        "path_lengths.npz", "glandular_thickness.tif", "volumetric_density.tif",
+        "lesion_lengths.tif",
+    }  # fmt: skip
 
 
 def test_a_breast_without_lesions_has_no_segmentation(tmp_path):

@@ -6,9 +6,12 @@ from mammosim.export.dicom import write_dicom
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask, label_image, lesion_masks
 from mammosim.export.matlab import write_matlab
+from mammosim.export.measurements import write_measurements
 from mammosim.export.path_lengths import load_path_lengths, write_path_lengths
 from mammosim.export.pictures import (
+    write_density_tiff,
     write_glandular_tiff,
+    write_lesion_lengths_tiff,
     write_lesion_tiff,
     write_mammogram_tiff,
     write_preview,
@@ -44,16 +47,19 @@ __all__ = [
     "write_compressed",
     "write_compression",
     "write_convergence",
+    "write_density_tiff",
     "write_dicom",
     "write_displacement",
     "write_glandular_tiff",
     "write_images",
     "write_json",
     "write_labels",
+    "write_lesion_lengths_tiff",
     "write_lesion_tiff",
     "write_lesions",
     "write_mammogram_tiff",
     "write_matlab",
+    "write_measurements",
     "write_path_lengths",
     "write_preview",
     "write_segmentation",

@@ -29,7 +29,7 @@ SOP_CLASS = {
 }
 """SOP Class of each intent."""
 
-SERIES_NUMBER = {"processing": 1, "presentation": 2, "segmentation": 3}
+SERIES_NUMBER = {"processing": 1, "presentation": 2, "segmentation": 3, "measurements": 4}
 """Series Number of each kind of object."""
 
 # Order in which a reader looks at a study: right before left, CC before MLO.
@@ -99,7 +99,7 @@ def identification(
     ----------
     study : StudyIdentity
     settings : ExportSettings
-    series : {"processing", "presentation", "segmentation"}
+    series : {"processing", "presentation", "segmentation", "measurements"}
     view : View
     """
     return {

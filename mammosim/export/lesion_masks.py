@@ -49,17 +49,22 @@ def lesion_masks(paths: PathLengths, targets: Sequence[Target]) -> list[LesionMa
     InputError
         If a lesion channel has no target, or a lesion's target id is not a whole number from 1.
     """
+    return [
+        LesionMask(target, paths.length_mm[channel] > 0.0)
+        for target, channel in lesion_channels(paths, targets)
+    ]
+
+
+def lesion_channels(paths: PathLengths, targets: Sequence[Target]) -> list[tuple[Target, int]]:
+    """Target and channel of every lesion, by rising target id; as `lesion_masks` pairs them."""
     waiting: dict[str, list[Target]] = {}
     for target in sorted(targets, key=lambda target: target.target_id):
         if target.kind not in ("landmark", "nipple"):
             waiting.setdefault(target.name, []).append(target)
     channels = [channel for channel, label in enumerate(paths.lesion_labels) if label != 0]
     channels.sort(key=lambda channel: paths.lesion_labels[channel])
-    found = [
-        LesionMask(_next_target(paths.tissues[channel], waiting), paths.length_mm[channel] > 0.0)
-        for channel in channels
-    ]
-    return sorted(found, key=lambda lesion: lesion.target.target_id)
+    found = [(_next_target(paths.tissues[channel], waiting), channel) for channel in channels]
+    return sorted(found, key=lambda pair: pair[0].target_id)
 
 
 def _next_target(name: str, waiting: dict[str, list[Target]]) -> Target:

@@ -13,8 +13,9 @@ from PIL import Image
 
 from mammosim.acquisition import Mammogram
 from mammosim.export.atomic import whole_file
-from mammosim.export.lesion_masks import LesionMask, label_image
+from mammosim.export.lesion_masks import LesionMask, label_image, lesion_channels
 from mammosim.projection import PathLengths
+from mammosim.targets import Target
 
 _MM_PER_CM = 10.0
 _MM_PER_INCH = 25.4
@@ -66,6 +67,48 @@ def write_glandular_tiff(paths: PathLengths, path: str | PathLike[str]) -> None:
     glandular = [material in GLANDULAR_MATERIALS for material in paths.materials]
     thickness = paths.length_mm[np.array(glandular, dtype=bool)].sum(axis=0, dtype=np.float64)
     _write_tiff(path, thickness.astype(np.float32), paths.pixel_mm)
+
+
+def write_density_tiff(paths: PathLengths, path: str | PathLike[str]) -> None:
+    """Write the volumetric density along each ray, per cent, 32-bit floats.
+
+    It is the length of glandular tissue over that of all tissue but muscle, skin included; NaN
+    where there is none. Without compression's change of density, as a phantom's volumes are
+    counted.
+    """
+    gland = np.zeros(paths.length_mm.shape[1:])
+    breast = np.zeros_like(gland)
+    for material, length in zip(paths.materials, paths.length_mm, strict=True):
+        if material in GLANDULAR_MATERIALS:
+            gland += length
+        if material != "muscle":
+            breast += length
+    density = np.divide(100.0 * gland, breast, out=np.full_like(gland, np.nan), where=breast > 0.0)
+    _write_tiff(path, density.astype(np.float32), paths.pixel_mm, compression="zlib")
+
+
+def write_lesion_lengths_tiff(
+    paths: PathLengths, targets: Sequence[Target], path: str | PathLike[str]
+) -> None:
+    """Write the path length in each lesion, mm, 32-bit floats, a page a lesion by rising id.
+
+    A page's description is ``target_id N: name`` of `lesions.csv`.
+    """
+    found = lesion_channels(paths, targets)
+    per_cm = _MM_PER_CM / paths.pixel_mm
+    with whole_file(path) as part, tifffile.TiffWriter(part) as file:
+        for target, channel in found:
+            file.write(
+                paths.length_mm[channel],
+                photometric="minisblack",
+                compression="zlib",
+                resolution=(per_cm, per_cm),
+                resolutionunit="CENTIMETER",
+                software="mammosim",
+                description=f"target_id {target.target_id}: {target.name}".encode(),
+                metadata=None,
+                contiguous=False,
+            )
 
 
 def _write_tiff(

@@ -23,11 +23,12 @@ _ABNORMAL = Code("49755003", "SCT", "Morphologically Abnormal Structure")
 _OBJECT = Code("260787004", "SCT", "Physical object")
 
 # Category (PS3.16 CID 7150) and type (CID 7159, 6014 and 7193) of each kind of lesion.
-_CODES = {
+LESION_CODES = {
     "mass": (_ABNORMAL, Code("4147007", "SCT", "Mass")),
     "calcification": (_ABNORMAL, Code("129769006", "SCT", "Calcification Cluster")),
     "clip": (_OBJECT, Code("77720000", "SCT", "Clip")),
 }
+"""Category and type of each kind of lesion."""
 
 # CID 7162 has no word for a projection of known truth; the masks come from a deformed model.
 _FAMILY = Code("123111", "DCM", "Deformable Models")
@@ -63,6 +64,18 @@ def write_segmentation(
     target's id where lesions come first among the targets. The id itself is in the segment's
     description and in its Tracking ID in any case.
     """
+    segmentation = segmentation_dataset(masks, mammogram, study, settings)
+    with whole_file(path) as part:
+        segmentation.save_as(part, enforce_file_format=True)
+
+
+def segmentation_dataset(
+    masks: Sequence[LesionMask],
+    mammogram: Mammogram,
+    study: StudyIdentity,
+    settings: ExportSettings,
+) -> hd.seg.Segmentation:
+    """Make the segmentation; the parameters are `write_segmentation`'s."""
     view = mammogram.gantry.view
     source = mammogram_dataset(mammogram, "presentation", study, settings)
     segmentation = hd.seg.Segmentation(
@@ -90,15 +103,14 @@ def write_segmentation(
         omit_empty_frames=any(lesion.mask.any() for lesion in masks),
     )
     _settle(segmentation, mammogram, study, settings)
-    with whole_file(path) as part:
-        segmentation.save_as(part, enforce_file_format=True)
+    return segmentation
 
 
 def _description(
     number: int, lesion: LesionMask, study: StudyIdentity
 ) -> hd.seg.SegmentDescription:
     target = lesion.target
-    category, kind = _CODES[target.kind]
+    category, kind = LESION_CODES[target.kind]
     description = hd.seg.SegmentDescription(
         segment_number=number,
         segment_label=long_string(target.name),

@@ -37,6 +37,13 @@ class ExportSettings(Settings):
     glandular_thickness: bool = False
     """Write the thickness of glandular tissue at every pixel, in mm, as 32-bit TIFF."""
 
+    volumetric_density: bool = False
+    """Write the share of glandular tissue at every pixel, in per cent, as 32-bit TIFF."""
+
+    lesion_lengths: bool = False
+    """Write the path length in each lesion at every pixel, in mm, as 32-bit TIFF of one page a
+    lesion."""
+
     date: str = "20000101"
     """Date that the DICOM objects carry, as YYYYMMDD; fixed, so that reruns are identical."""
 

@@ -15,9 +15,12 @@ from mammosim.export.dicom import write_dicom
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import lesion_masks
 from mammosim.export.matlab import write_matlab
+from mammosim.export.measurements import write_measurements
 from mammosim.export.path_lengths import write_path_lengths
 from mammosim.export.pictures import (
+    write_density_tiff,
     write_glandular_tiff,
+    write_lesion_lengths_tiff,
     write_lesion_tiff,
     write_mammogram_tiff,
     write_preview,
@@ -115,6 +118,9 @@ def write_images(
         write_dicom(mammogram, "presentation", folder / "for_presentation.dcm", study, settings)
         if masks:
             write_segmentation(masks, mammogram, folder / "lesion_mask.dcm", study, settings)
+        if any(lesion.mask.any() for lesion in masks):
+            file = folder / "lesion_measurements.dcm"
+            write_measurements(masks, mammogram, file, study, settings)
     if settings.tiff:
         write_mammogram_tiff(mammogram, folder / "mammogram.tif")
         write_lesion_tiff(masks, mammogram, folder / "lesion_mask.tif")
@@ -124,3 +130,7 @@ def write_images(
         write_path_lengths(paths, folder / "path_lengths.npz")
     if settings.glandular_thickness:
         write_glandular_tiff(paths, folder / "glandular_thickness.tif")
+    if settings.volumetric_density:
+        write_density_tiff(paths, folder / "volumetric_density.tif")
+    if settings.lesion_lengths and masks:
+        write_lesion_lengths_tiff(paths, here, folder / "lesion_lengths.tif")

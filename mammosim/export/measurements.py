@@ -1,0 +1,158 @@
+"""Measurements of the lesions as a DICOM structured report (PS3.16 TID 1500)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+
+import highdicom as hd
+import numpy as np
+from highdicom import sr
+from pydicom import Dataset
+from pydicom.sr.coding import Code
+
+from mammosim.acquisition import Mammogram
+from mammosim.export.atomic import whole_file
+from mammosim.export.dicom import mammogram_dataset
+from mammosim.export.dicom_modules import (
+    SERIES_NUMBER,
+    identification,
+    long_string,
+    set_attributes,
+)
+from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
+from mammosim.export.lesion_masks import LesionMask
+from mammosim.export.segmentation import LESION_CODES, segmentation_dataset
+from mammosim.export.settings import ExportSettings
+
+# Names and units of PS3.16 CID 7470, 7471 and 7181.
+_AREA, _MM2 = Code("42798000", "SCT", "Area"), Code("mm2", "UCUM", "square millimeter")
+_VOLUME, _MM3 = Code("118565006", "SCT", "Volume"), Code("mm3", "UCUM", "cubic millimeter")
+_TITLE = Code("126000", "DCM", "Imaging Measurement Report")
+_MAMMOGRAPHY = Code("71651007", "SCT", "Mammography")
+_DEVICE = Code("121007", "DCM", "Device")
+
+# Attributes of images that a report does not have.
+_OF_IMAGES = ("AcquisitionDate", "AcquisitionTime", "PatientComments")
+
+_REFERENCED_SOP_SEQUENCE = 0x00081199
+
+
+def write_measurements(
+    masks: Sequence[LesionMask],
+    mammogram: Mammogram,
+    path: str | PathLike[str],
+    study: StudyIdentity,
+    settings: ExportSettings,
+) -> None:
+    """Write what is known of each lesion in a view as a Comprehensive SR object.
+
+    Parameters
+    ----------
+    masks : sequence of LesionMask
+        At least one of them with a pixel, by rising target id; those without are left out.
+    mammogram : Mammogram
+    path : path
+    study : StudyIdentity
+    settings : ExportSettings
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+
+    Notes
+    -----
+    One measurement group (TID 1410) a lesion: its shadow's area on the detector, and its volume
+    before compression. It has the tracking identifiers of the segmentation and refers to the
+    lesion's frame in it.
+    """
+    view = mammogram.gantry.view
+    source = mammogram_dataset(mammogram, "presentation", study, settings)
+    segmentation = segmentation_dataset(masks, mammogram, study, settings)
+    groups = [
+        _group(number, lesion, mammogram, segmentation, source)
+        for number, lesion in enumerate(masks, start=1)
+        if lesion.mask.any()
+    ]
+    observer = sr.ObserverContext(
+        observer_type=_DEVICE,
+        observer_identifying_attributes=sr.DeviceObserverIdentifyingAttributes(
+            uid=study.uid("device"), name="mammosim"
+        ),
+    )
+    content = sr.MeasurementReport(
+        observation_context=sr.ObservationContext(observer_device_context=observer),
+        procedure_reported=_MAMMOGRAPHY,
+        imaging_measurements=groups,
+        title=_TITLE,
+    )
+    report = sr.ComprehensiveSR(
+        evidence=[source, segmentation],
+        content=content,
+        series_instance_uid=study.uid("series", "measurements"),
+        series_number=SERIES_NUMBER["measurements"],
+        sop_instance_uid=study.uid("image", view.folder, "measurements"),
+        instance_number=1,
+        manufacturer="mammosim",
+        is_complete=True,
+        is_verified=False,
+    )
+    _settle(report, mammogram, study, settings)
+    with whole_file(path) as part:
+        report.save_as(part, enforce_file_format=True)
+
+
+def _group(
+    number: int,
+    lesion: LesionMask,
+    mammogram: Mammogram,
+    segmentation: Dataset,
+    source: Dataset,
+) -> sr.PlanarROIMeasurementsAndQualitativeEvaluations:
+    target, segment = lesion.target, segmentation.SegmentSequence[number - 1]
+    area = float(np.count_nonzero(lesion.mask)) * mammogram.gantry.pixel_mm**2
+    measured = [sr.Measurement(name=_AREA, value=round(area, 4), unit=_MM2)]
+    if target.volume_mm3 > 0.0:
+        volume = round(float(target.volume_mm3), 4)
+        measured.append(sr.Measurement(name=_VOLUME, value=volume, unit=_MM3))
+    frames = [
+        place
+        for place, frame in enumerate(segmentation.PerFrameFunctionalGroupsSequence, start=1)
+        if frame.SegmentIdentificationSequence[0].ReferencedSegmentNumber == number
+    ]
+    return sr.PlanarROIMeasurementsAndQualitativeEvaluations(
+        tracking_identifier=sr.TrackingIdentifier(
+            uid=segment.TrackingUID, identifier=long_string(segment.TrackingID)
+        ),
+        referenced_segment=sr.ReferencedSegmentationFrame(
+            sop_class_uid=segmentation.SOPClassUID,
+            sop_instance_uid=segmentation.SOPInstanceUID,
+            frame_number=frames[0],
+            segment_number=number,
+            source_image=sr.SourceImageForSegmentation(source.SOPClassUID, source.SOPInstanceUID),
+        ),
+        finding_type=LESION_CODES[target.kind][1],
+        measurements=measured,
+    )
+
+
+def _settle(
+    report: hd.sr.ComprehensiveSR,
+    mammogram: Mammogram,
+    study: StudyIdentity,
+    settings: ExportSettings,
+) -> None:
+    """Put in who and when, and take out what the standard does not allow beside a frame number."""
+    named = identification(study, settings, "measurements", mammogram.gantry.view)
+    set_attributes(report, {key: value for key, value in named.items() if key not in _OF_IMAGES})
+    report.SeriesDescription = "Measurements of the simulated lesions"
+    report.file_meta.ImplementationClassUID = IMPLEMENTATION_UID
+    report.file_meta.ImplementationVersionName = "MAMMOSIM"
+    for equipment in report.get("ContributingEquipmentSequence", ()):
+        equipment.ContributionDateTime = f"{settings.date}000000"
+    for element in report.iterall():
+        if element.tag == _REFERENCED_SOP_SEQUENCE:
+            for item in element.value:
+                if "ReferencedFrameNumber" in item and "ReferencedSegmentNumber" in item:
+                    del item.ReferencedSegmentNumber  # PS3.3 10.3: one of the two
