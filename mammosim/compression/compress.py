@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mammosim.compression.breast import CompressedBreast
+from mammosim.compression.hyperelastic_model import compress_hyperelastic
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.spring_model import compress_springs
 from mammosim.compression.uncompressed import leave_uncompressed
@@ -18,6 +19,7 @@ from mammosim.phantom import BreastPhantom
 
 MODELS: dict[str, Callable[..., CompressedBreast]] = {
     "springs": compress_springs,
+    "hyperelastic": compress_hyperelastic,
     "none": leave_uncompressed,
 }
 """Mechanical models by the name a configuration gives them."""
@@ -64,10 +66,20 @@ def compress(
     if squeezed.interrupted:
         raise Interrupted(f"{view.folder}: compression was interrupted", squeezed)
     if not squeezed.converged:
-        raise NotConverged(
-            f"{view.folder}: {checked.solver} stopped at an estimated error of "
-            f"{squeezed.measures['error_voxel']:.3g} lattice units after "
-            f"{squeezed.history.size} iterations",
-            squeezed,
-        )
+        raise NotConverged(f"{view.folder}: {_where_it_stopped(squeezed, checked)}", squeezed)
     return squeezed
+
+
+def _where_it_stopped(squeezed: CompressedBreast, settings: CompressionSettings) -> str:
+    """How far a solver came, in its own terms."""
+    measures, iterations = squeezed.measures, squeezed.history.size
+    if squeezed.model == "hyperelastic":
+        return (
+            f"hyperelastic stopped at an out-of-balance force of {measures['out_of_balance']:.3g} "
+            f"(allowed {settings.force_tolerance:g}), smallest J {measures['smallest_j']:.3g}, "
+            f"after {iterations} steps; " + (squeezed.notes[-1] if squeezed.notes else "")
+        )
+    return (
+        f"{settings.solver} stopped at an estimated error of {measures['error_voxel']:.3g} "
+        f"lattice units after {iterations} iterations"
+    )

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression._continuation_kernels import continue_one_layer
+from mammosim.compression._continuation_kernels import continue_one_layer, extrapolate_one_layer
 
 
 def continued(
-    field: NDArray[np.floating], tissue: NDArray[np.bool_], layers: int
+    field: NDArray[np.floating], tissue: NDArray[np.bool_], layers: int, straight: int = 0
 ) -> NDArray[np.floating]:
-    """Copy of a field in which air near tissue moves as the tissue beside it.
+    """Copy of a field in which air near tissue moves with the tissue beside it.
 
     Parameters
     ----------
@@ -20,6 +20,8 @@ def continued(
         Where the field is known.
     layers : int
         How many layers of nodes into the air; beyond them the copy is 0.
+    straight : int
+        How many of them go on with the field's slope; the others take the mean of their neighbours.
 
     Returns
     -------
@@ -28,5 +30,7 @@ def continued(
     copy = np.where(tissue, field, field.dtype.type(0.0))
     layer = tissue.astype(np.int32)
     for number in range(2, layers + 2):
+        if number < straight + 2:
+            extrapolate_one_layer(copy, layer, number)
         continue_one_layer(copy, layer, number)
     return copy

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
 from mammosim.compression.plates import Plates
-from mammosim.compression.springs import SpringState
 from mammosim.errors import InputError
 
 FORCE_TOLERANCE = 0.01
@@ -24,12 +24,24 @@ NARROW_MM = 1e-3
 """A bracket no wider than this is not halved any further."""
 
 
+class Equilibrium(Protocol):
+    """A solver's state, of either model."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the solver reached its tolerance."""
+        ...
+
+
+S = TypeVar("S", bound=Equilibrium)
+
+
 @dataclass(frozen=True, eq=False)
-class Tried:
+class Tried(Generic[S]):
     """Plates at one gap, the equilibrium there and the paddle's force."""
 
     plates: Plates
-    state: SpringState
+    state: S
     force_n: float
 
 
@@ -37,8 +49,8 @@ def reach_force(
     middle: Plates,
     height_mm: float,
     wanted_n: float,
-    solve: Callable[..., tuple[SpringState, float]],
-) -> tuple[Plates, SpringState]:
+    solve: Callable[[Plates, S | None], tuple[S, float]],
+) -> tuple[Plates, S]:
     """Thin the gap until the force is passed, then find it by a bracketing secant in its log.
 
     Parameters
@@ -55,7 +67,7 @@ def reach_force(
     Returns
     -------
     plates : Plates
-    state : SpringState
+    state : state of the model
         If it has not converged, or was interrupted, the search ended with it.
 
     Raises
@@ -65,7 +77,7 @@ def reach_force(
     """
     centre = 0.5 * (middle.support_z_mm + middle.paddle_z_mm)
 
-    def at(gap: float, before: Tried | None) -> Tried:
+    def at(gap: float, before: Tried[S] | None) -> Tried[S]:
         plates = replace(middle, support_z_mm=centre - 0.5 * gap, paddle_z_mm=centre + 0.5 * gap)
         state, force = solve(plates, before.state if before else None)
         return Tried(plates, state, force)
@@ -76,7 +88,7 @@ def reach_force(
         gap = tried.plates.thickness_mm
         if gap <= SMALLEST_GAP * height_mm:
             raise InputError(
-                f"compression.force_n: found {wanted_n:g} N, but these springs carry at most "
+                f"compression.force_n: found {wanted_n:g} N, but this breast bears at most "
                 f"{tried.force_n:.3g} N, at a thickness of {gap:.1f} mm; must be smaller"
             )
         wide, force_wide = gap, tried.force_n
@@ -92,7 +104,7 @@ def reach_force(
     return tried.plates, tried.state
 
 
-def _good_enough(tried: Tried, wanted_n: float) -> bool:
+def _good_enough(tried: Tried[S], wanted_n: float) -> bool:
     near = abs(tried.force_n - wanted_n) <= FORCE_TOLERANCE * wanted_n
     return near or not tried.state.converged
 

@@ -47,8 +47,9 @@ class PlatesInVoxels(Settings):
 class CompressionSettings(Settings):
     """How the breast is compressed."""
 
-    model: Literal["springs", "none"] = "springs"
-    """Mechanical model; `none` leaves the breast as it is (or as it was compressed before)."""
+    model: Literal["springs", "hyperelastic", "none"] = "springs"
+    """Mechanical model: `springs`, the thesis' and the fastest; `hyperelastic`, finite elements
+    that keep their volume; `none` leaves the breast as it is (or as it was compressed before)."""
 
     solver: Literal["multigrid", "relaxation"] = "multigrid"
     """Solver of the spring model: `relaxation` is the thesis' own, `multigrid` reaches the same
@@ -77,8 +78,9 @@ class CompressionSettings(Settings):
     mlo_angle_deg: float = Field(45.0, ge=30, le=60)
     """Angle of the plates' normal from superior towards medial in MLO, degrees."""
 
-    chest_wall: Literal["fixed"] = "fixed"
-    """How the chest-wall plane is held: `fixed` wholly."""
+    chest_wall: Literal["fixed", "sliding"] = "fixed"
+    """How the chest-wall plane is held: `fixed` wholly, or `sliding` in its own plane as on the
+    pectoral fascia (model `hyperelastic`)."""
 
     chest_wall_mm: float | None = None
     """Breast-frame x up to which tissue is held as the chest wall, mm; left out: the first tissue
@@ -104,6 +106,10 @@ class CompressionSettings(Settings):
     """Let the breast's weight act, the patient standing; tissue moves from its shape in the
     phantom, which is taken as free of weight."""
 
+    force_tolerance: float = Field(0.1, gt=0, le=0.5)
+    """Out-of-balance force at which `hyperelastic` stops: norm of the nodes' unbalanced forces over
+    that of the plates' forces on them."""
+
     tolerance_voxel: float = Field(1e-3, gt=0, le=0.1)
     """Largest estimated distance of a node from equilibrium at which `multigrid` stops, lattice
     units."""
@@ -121,6 +127,12 @@ class CompressionSettings(Settings):
         if value not in STIFFNESS_SETS:
             raise ValueError(f"expected one of {', '.join(STIFFNESS_SETS)}")
         return value
+
+    @model_validator(mode="after")
+    def _springs_do_not_slide(self) -> Self:
+        if self.chest_wall == "sliding" and self.model == "springs":
+            raise ValueError("chest_wall: sliding needs model: hyperelastic")
+        return self
 
     @model_validator(mode="after")
     def _one_way_to_say_how_far(self) -> Self:

@@ -1,0 +1,275 @@
+"""Kernels of symmetric 27-point stencils of 3 x 3 blocks: product, smoothing, Galerkin coarsening.
+
+The layout is that of `_tangent_kernels`; vectors are ``[3, x, y, z]`` with one empty layer around.
+"""
+
+import numpy as np
+from numba import prange
+
+from mammosim._jit import contracting_kernel, sized_kernel
+
+_ONE = np.uint64(1)
+
+
+@contracting_kernel
+def _row_product(stencil, u, i, j, first, last, out):
+    """``out[r, k] = (A u)[r]`` for one row along z."""
+    out_x, out_y, out_z = out[0], out[1], out[2]
+    for k in range(np.uint64(first), np.uint64(last)):
+        out_x[k] = out_y[k] = out_z[k] = np.float32(0.0)
+    for offset in range(14):
+        flat = offset + 13
+        di, dj, shift = flat // 9 - 1, (flat // 3) % 3 - 1, np.uint64(flat % 3)
+        a, x, y, z = stencil[i, j], u[0, i + di, j + dj], u[1, i + di, j + dj], u[2, i + di, j + dj]
+        e = 9 * offset
+        xx, xy, xz, yx, yy = a[e], a[e + 1], a[e + 2], a[e + 3], a[e + 4]
+        yz, zx, zy, zz = a[e + 5], a[e + 6], a[e + 7], a[e + 8]
+        for k in range(np.uint64(first), np.uint64(last)):
+            p = k + shift - _ONE
+            out_x[k] += xx[k] * x[p] + xy[k] * y[p] + xz[k] * z[p]
+            out_y[k] += yx[k] * x[p] + yy[k] * y[p] + yz[k] * z[p]
+            out_z[k] += zx[k] * x[p] + zy[k] * y[p] + zz[k] * z[p]
+        if offset == 0:
+            continue
+        a, x, y, z = (
+            stencil[i - di, j - dj],
+            u[0, i - di, j - dj],
+            u[1, i - di, j - dj],
+            u[2, i - di, j - dj],
+        )
+        xx, xy, xz, yx, yy = a[e], a[e + 1], a[e + 2], a[e + 3], a[e + 4]
+        yz, zx, zy, zz = a[e + 5], a[e + 6], a[e + 7], a[e + 8]
+        for k in range(np.uint64(first), np.uint64(last)):
+            p = k + _ONE - shift
+            out_x[k] += xx[p] * x[p] + yx[p] * y[p] + zx[p] * z[p]
+            out_y[k] += xy[p] * x[p] + yy[p] * y[p] + zy[p] * z[p]
+            out_z[k] += xz[p] * x[p] + yz[p] * y[p] + zz[p] * z[p]
+
+
+@sized_kernel
+def block_residual(stencil, span, u, load, out):
+    """``out = load - A u``; no load if None."""
+    for i in prange(1, u.shape[1] - 1):
+        product = np.empty((3, u.shape[3]), np.float32)
+        for j in range(1, u.shape[2] - 1):
+            first, last = span[i, j, 0], span[i, j, 1]
+            if first >= last:
+                continue
+            _row_product(stencil, u, i, j, first, last, product)
+            for r in range(3):
+                source, target = product[r], out[r, i, j]
+                if load is None:
+                    for k in range(np.uint64(first), np.uint64(last)):
+                        target[k] = -source[k]
+                else:
+                    right = load[r, i, j]
+                    for k in range(np.uint64(first), np.uint64(last)):
+                        target[k] = right[k] - source[k]
+
+
+@sized_kernel
+def block_smooth(stencil, span, inverse, u, load, keep, gain, step, out):
+    """``step = keep step + gain D^-1 (load - A u)``; ``out = u + step``."""
+    for i in prange(1, u.shape[1] - 1):
+        force = np.empty((3, u.shape[3]), np.float32)
+        for j in range(1, u.shape[2] - 1):
+            first, last = span[i, j, 0], span[i, j, 1]
+            if first >= last:
+                continue
+            _row_product(stencil, u, i, j, first, last, force)
+            for r in range(3):
+                source, right = force[r], load[r, i, j]
+                for k in range(np.uint64(first), np.uint64(last)):
+                    source[k] = right[k] - source[k]
+            for r in range(3):
+                _row_step(inverse, force, i, j, r, first, last, keep, gain, step[r, i, j])
+                here, moved, target = u[r, i, j], step[r, i, j], out[r, i, j]
+                for k in range(np.uint64(first), np.uint64(last)):
+                    target[k] = here[k] + moved[k]
+
+
+@contracting_kernel
+def _row_step(inverse, force, i, j, r, first, last, keep, gain, step):
+    """``step = keep step + gain (D^-1 force)[r]``; `inverse` is [xx, xy, xz, yy, yz, zz]."""
+    a = inverse[i, j, r]
+    b = inverse[i, j, (1, 3, 4)[r]]
+    c = inverse[i, j, (2, 4, 5)[r]]
+    x, y, z = force[0], force[1], force[2]
+    for k in range(np.uint64(first), np.uint64(last)):
+        step[k] = keep * step[k] + gain * (a[k] * x[k] + b[k] * y[k] + c[k] * z[k])
+
+
+@sized_kernel
+def block_scaled(inverse, span, load, gain, out):
+    """``out = gain D^-1 load``."""
+    for i in prange(1, load.shape[1] - 1):
+        for j in range(1, load.shape[2] - 1):
+            first, last = span[i, j, 0], span[i, j, 1]
+            if first < last:
+                for r in range(3):
+                    target = out[r, i, j]
+                    for k in range(first, last):
+                        target[k] = np.float32(0.0)
+                    _row_step(
+                        inverse, load[:, i, j], i, j, r, first, last, np.float32(0.0), gain, target
+                    )
+
+
+@sized_kernel
+def invert_blocks(stencil, span, out):
+    """Inverse of each node's own block, six entries; 0 where a displacement has no stiffness.
+
+    A block that is not positive definite is replaced by its absolute row sums.
+    """
+    for i in prange(1, out.shape[0] - 1):
+        for j in range(1, out.shape[1] - 1):
+            for k in range(span[i, j, 0], span[i, j, 1]):
+                _invert_block(stencil[i, j, :, k], out[i, j, :, k])
+
+
+@contracting_kernel
+def _invert_block(block, out):
+    """Inverse of one symmetric block; rows with an empty diagonal stay empty."""
+    xx, xy, xz, yy, yz, zz = block[0], block[1], block[2], block[4], block[5], block[8]
+    has_x, has_y, has_z = xx != 0.0, yy != 0.0, zz != 0.0
+    if not has_x:
+        xx = np.float32(1.0)
+    if not has_y:
+        yy = np.float32(1.0)
+    if not has_z:
+        zz = np.float32(1.0)
+    minor = xx * yy - xy * xy
+    whole = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+    if xx <= 0.0 or minor <= 0.0 or whole <= np.float32(1e-6) * xx * minor:
+        xx = abs(xx) + abs(xy) + abs(xz)
+        yy = abs(xy) + abs(yy) + abs(yz)
+        zz = abs(xz) + abs(yz) + abs(zz)
+        xy = xz = yz = np.float32(0.0)
+        minor, whole = xx * yy, xx * yy * zz
+    part = np.float32(1.0) / whole
+    out[0] = part * (yy * zz - yz * yz) if has_x else np.float32(0.0)
+    out[1] = part * (xz * yz - xy * zz)
+    out[2] = part * (xy * yz - xz * yy)
+    out[3] = part * (xx * zz - xz * xz) if has_y else np.float32(0.0)
+    out[4] = part * (xy * xz - xx * yz)
+    out[5] = part * minor if has_z else np.float32(0.0)
+
+
+@sized_kernel
+def hold(stencil, free):
+    """Empty the rows and columns of held displacements; `free` is [3, x, y, z], 1 or 0."""
+    for i in prange(1, free.shape[1] - 1):
+        for j in range(1, free.shape[2] - 1):
+            for offset in range(14):
+                flat = offset + 13
+                di, dj, shift = flat // 9 - 1, (flat // 3) % 3 - 1, np.uint64(flat % 3)
+                for r in range(3):
+                    own = free[r, i, j]
+                    for c in range(3):
+                        other, row = free[c, i + di, j + dj], stencil[i, j, 9 * offset + 3 * r + c]
+                        for k in range(_ONE, np.uint64(row.size - 1)):
+                            row[k] *= own[k] * other[k + shift - _ONE]
+
+
+@sized_kernel
+def galerkin_of_blocks(stencil, span, out):
+    """Stencil of ``P^T A P`` on the next coarse level, P being trilinear in each displacement."""
+    for i in prange(1, out.shape[0] - 1):
+        half = np.empty((243, stencil.shape[3]), np.float32)
+        row = np.empty((9, stencil.shape[3]), np.float32)
+        for j in range(1, out.shape[1] - 1):
+            half[:] = np.float32(0.0)
+            touched = False
+            for ti in range(-1, 2):
+                for tj in range(-1, 2):
+                    fi, fj = 2 * i - 1 + ti, 2 * j - 1 + tj
+                    if not (0 < fi < stencil.shape[0] - 1 and 0 < fj < stencil.shape[1] - 1):
+                        continue
+                    if span[fi, fj, 0] < span[fi, fj, 1]:
+                        touched = True
+                        _collapse_columns(stencil, fi, fj, ti, tj, row, half)
+            if touched:
+                _collapse_row(half, out[i, j])
+
+
+@contracting_kernel
+def _weight(reach, step):
+    """Weight along an axis, at fine distance `reach`, of the coarse node `step` away."""
+    return max(0.0, 1.0 - 0.5 * abs(reach - 2 * step))
+
+
+@contracting_kernel
+def _collapse_columns(stencil, fi, fj, ti, tj, row, half):
+    """Add one fine row's part to the coarse neighbours (dx, dy), still fine along z.
+
+    ``half[27 (3 (dx+1) + (dy+1)) + 9 (dz+1) + 3 r + c, k]``.
+    """
+    own = (1.0 - 0.5 * abs(ti)) * (1.0 - 0.5 * abs(tj))
+    for flat in range(27):
+        di, dj = flat // 9 - 1, (flat // 3) % 3 - 1
+        _block_row(stencil, fi, fj, flat, row)
+        for step_x in range(-1, 2):
+            for step_y in range(-1, 2):
+                weight = np.float32(own * _weight(ti + di, step_x) * _weight(tj + dj, step_y))
+                if weight > 0.0:
+                    first = 27 * (3 * (step_x + 1) + step_y + 1) + 9 * (flat % 3)
+                    for entry in range(9):
+                        target, source = half[first + entry], row[entry]
+                        for k in range(_ONE, np.uint64(target.size - 1)):
+                            target[k] += weight * source[k]
+
+
+@contracting_kernel
+def _block_row(stencil, i, j, flat, out):
+    """Blocks that couple a row of nodes to its neighbours `flat` of 27, ``out[3 r + c, k]``."""
+    last = np.uint64(out.shape[1] - 1)
+    for r in range(3):
+        for c in range(3):
+            target = out[3 * r + c]
+            if flat >= 13:
+                source = stencil[i, j, 9 * (flat - 13) + 3 * r + c]
+                for k in range(_ONE, last):
+                    target[k] = source[k]
+            else:
+                di, dj, shift = flat // 9 - 1, (flat // 3) % 3 - 1, np.uint64(flat % 3)
+                source = stencil[i + di, j + dj, 9 * (13 - flat) + 3 * c + r]
+                for k in range(_ONE, last):
+                    target[k] = source[k + shift - _ONE]
+
+
+@contracting_kernel
+def _collapse_row(half, out):
+    """Sum over fine z; store the 14 blocks of one coarse row, ``out[9 o + e, k]``."""
+    fine = half.shape[1]
+    for column in range(9):
+        for reach in range(3):
+            for step in range(3):
+                offset = 3 * column + step - 13
+                if offset < 0:
+                    continue
+                for t in range(-1, 2):
+                    weight = np.float32((1.0 - 0.5 * abs(t)) * _weight(t + reach - 1, step - 1))
+                    if weight == 0.0:
+                        continue
+                    for entry in range(9):
+                        source = half[27 * column + 9 * reach + entry]
+                        target = out[9 * offset + entry]
+                        for k in range(1, out.shape[1] - 1):
+                            place = 2 * k - 1 + t
+                            if 0 < place < fine - 1:
+                                target[k] += weight * source[place]
+
+
+@contracting_kernel
+def dense_matrix(stencil, number, out):
+    """The whole matrix among displacements that have a number of 0 or more, [3, x, y, z]."""
+    for i in range(1, number.shape[1] - 1):
+        for j in range(1, number.shape[2] - 1):
+            for k in range(1, number.shape[3] - 1):
+                for entry in range(126):
+                    flat, r, c = entry // 9 + 13, (entry // 3) % 3, entry % 3
+                    di, dj, dk = flat // 9 - 1, (flat // 3) % 3 - 1, flat % 3 - 1
+                    own, other = number[r, i, j, k], number[c, i + di, j + dj, k + dk]
+                    if own >= 0 and other >= 0:
+                        out[own, other] = stencil[i, j, entry, k]
+                        out[other, own] = stencil[i, j, entry, k]

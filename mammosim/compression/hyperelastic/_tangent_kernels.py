@@ -1,0 +1,306 @@
+"""Kernels that assemble the tangent stiffness of the elements into block stencils.
+
+``stencil[x, y, 9 o + 3 r + c, z]`` couples displacement r of a node to displacement c of its
+neighbour o, one of the 14 from the node itself onwards in the order ``9 (dx+1) + 3 (dy+1) +
+(dz+1)``; the other 13 blocks are the transposes of those of the neighbours.
+"""
+
+import numpy as np
+from numba import prange
+
+from mammosim._jit import contracting_kernel, contracting_parallel_kernel, inlined_kernel
+from mammosim.compression.hyperelastic._element_kernels import (
+    CENTRE_VOLUME,
+    CORNER_VOLUME,
+    TILE,
+    cross,
+    determinant,
+    pack,
+    squared,
+    volume_factor,
+    volume_penalty,
+)
+
+
+@contracting_kernel
+def _corner_edges(columns, a, b, c, count, edges):
+    """The three edges that meet in a corner, ``edges[3 i + d, k]``."""
+    low_x, low_y, low_z = 3 * b, 6 * a, 6 * a + 3 * b
+    layer, above, zero, one = np.uint64(c), np.uint64(1), np.float32(0.0), np.float32(1.0)
+    for d in range(3):
+        for k in range(np.uint64(0), np.uint64(count)):
+            p = k + layer
+            edges[d, k] = columns[6 + low_x + d, p] - columns[low_x + d, p]
+            edges[3 + d, k] = columns[3 + low_y + d, p] - columns[low_y + d, p]
+            edges[6 + d, k] = columns[low_z + d, k + above] - columns[low_z + d, k]
+        for k in range(np.uint64(0), np.uint64(count)):
+            edges[d, k] += one if d == 0 else zero
+            edges[3 + d, k] += one if d == 1 else zero
+            edges[6 + d, k] += one if d == 2 else zero
+
+
+@inlined_kernel
+def _vector(rows, first, k):
+    return rows[first, k], rows[first + 1, k], rows[first + 2, k]
+
+
+@contracting_kernel
+def _add_volume(edges, weight, count, signs, volume, gradient):
+    """Add a point's part of the volume, and of its derivative by node n, ``gradient[3 n + d]``."""
+    cofactors = np.empty((9, TILE), np.float32)
+    for k in range(np.uint64(0), np.uint64(count)):
+        x, y, z = _vector(edges, 0, k), _vector(edges, 3, k), _vector(edges, 6, k)
+        volume[k] += weight * determinant(x, y, z)
+        _store(cofactors, 0, k, cross(y, z))
+        _store(cofactors, 3, k, cross(z, x))
+        _store(cofactors, 6, k, cross(x, y))
+    for node in range(8):
+        for i in range(3):
+            if signs[node, i] != 0.0:
+                factor = np.float32(weight * signs[node, i])
+                for d in range(3):
+                    target, source = gradient[3 * node + d], cofactors[3 * i + d]
+                    for k in range(np.uint64(0), np.uint64(count)):
+                        target[k] += factor * source[k]
+
+
+@inlined_kernel
+def _store(rows, first, k, a):
+    rows[first, k] = a[0]
+    rows[first + 1, k] = a[1]
+    rows[first + 2, k] = a[2]
+
+
+@inlined_kernel
+def _block(out, first, k, a, b, c_i, c_j, f_i, f_j):
+    """``a C_i C_j^T - b (C_i F_j^T + F_i C_j^T)``, nine rows of `out`."""
+    left = (a * c_i[0] - b * f_i[0], a * c_i[1] - b * f_i[1], a * c_i[2] - b * f_i[2])
+    right = (b * c_i[0], b * c_i[1], b * c_i[2])
+    out[first, k] = left[0] * c_j[0] - right[0] * f_j[0]
+    out[first + 1, k] = left[0] * c_j[1] - right[0] * f_j[1]
+    out[first + 2, k] = left[0] * c_j[2] - right[0] * f_j[2]
+    out[first + 3, k] = left[1] * c_j[0] - right[1] * f_j[0]
+    out[first + 4, k] = left[1] * c_j[1] - right[1] * f_j[1]
+    out[first + 5, k] = left[1] * c_j[2] - right[1] * f_j[2]
+    out[first + 6, k] = left[2] * c_j[0] - right[2] * f_j[0]
+    out[first + 7, k] = left[2] * c_j[1] - right[2] * f_j[1]
+    out[first + 8, k] = left[2] * c_j[2] - right[2] * f_j[2]
+
+
+@inlined_kernel
+def _add_skew(out, first, k, f):
+    """Add the matrix of the cross product with f, nine rows of `out`."""
+    out[first + 1, k] -= f[2]
+    out[first + 2, k] += f[1]
+    out[first + 3, k] += f[2]
+    out[first + 5, k] -= f[0]
+    out[first + 6, k] -= f[1]
+    out[first + 7, k] += f[0]
+
+
+@inlined_kernel
+def _add_diagonal(out, first, k, value):
+    out[first, k] += value
+    out[first + 4, k] += value
+    out[first + 8, k] += value
+
+
+@contracting_kernel
+def _point_hessian(
+    edges, shear, pressure, weight, volume_weight, local_part, geometric, least, count, out
+):
+    """Second derivative of a point's energy by its edges, blocks xx, xy, xz, yy, yz, zz.
+
+    The deviatoric part is ``mu (phi dF:dF + 2 phi' (C:dF)(F:dF) + I1/2 phi'' (C:dF)^2 + I1/2 phi'
+    dF:dC)``, C = cof F. With phi'^2 <= phi phi''/2, which J^(-2/3) satisfies and to which phi' is
+    bounded, all but the last term is positive definite. The last and the pressure's ``p dF:dC``,
+    which may be negative, are scaled by `geometric`.
+    """
+    half = np.float32(0.5)
+    for k in range(np.uint64(0), np.uint64(count)):
+        x, y, z = _vector(edges, 0, k), _vector(edges, 3, k), _vector(edges, 6, k)
+        cx, cy, cz = cross(y, z), cross(z, x), cross(x, y)
+        volume = determinant(x, y, z)
+        factor, slope, curvature = volume_factor(volume, least)
+        _, push, stiffness = volume_penalty(volume, least)
+        modulus, invariant = weight * shear[k], squared(x, y, z)
+        local = local_part * shear[k]
+        scale = modulus * np.float32(factor)
+        a = half * modulus * invariant * np.float32(curvature)
+        a += volume_weight * local * np.float32(stiffness)
+        s = geometric * (
+            volume_weight * (pressure[k] + local * np.float32(push))
+            + half * modulus * invariant * np.float32(slope)
+        )
+        b = modulus * min(np.float32(-slope), np.float32(np.sqrt(0.5 * factor * curvature)))
+        _block(out, 0, k, a, b, cx, cx, x, x)
+        _block(out, 9, k, a, b, cx, cy, x, y)
+        _block(out, 18, k, a, b, cx, cz, x, z)
+        _block(out, 27, k, a, b, cy, cy, y, y)
+        _block(out, 36, k, a, b, cy, cz, y, z)
+        _block(out, 45, k, a, b, cz, cz, z, z)
+        _add_diagonal(out, 0, k, scale)
+        _add_diagonal(out, 27, k, scale)
+        _add_diagonal(out, 45, k, scale)
+        _add_skew(out, 9, k, (-s * z[0], -s * z[1], -s * z[2]))
+        _add_skew(out, 18, k, (s * y[0], s * y[1], s * y[2]))
+        _add_skew(out, 36, k, (-s * x[0], -s * x[1], -s * x[2]))
+
+
+@contracting_kernel
+def _node_rows(hessian, signs, node, count, out):
+    """``out[9 j + 3 r + c] = sum_i signs[node, i] H_ij[r, c]``, half of B^T H B for a node."""
+    out[:, :count] = np.float32(0.0)
+    for i in range(3):
+        sign = np.float32(signs[node, i])
+        if sign == 0.0:
+            continue
+        for j in range(3):
+            low, high = min(i, j), max(i, j)
+            first = 9 * (3 * low - (low * (low - 1)) // 2 + high - low)
+            for r in range(3):
+                for c in range(3):
+                    source = hessian[first + (3 * r + c if i <= j else 3 * c + r)]
+                    target = out[9 * j + 3 * r + c]
+                    for k in range(np.uint64(0), np.uint64(count)):
+                        target[k] += sign * source[k]
+
+
+@contracting_kernel
+def _add_pairs(hessian, signs, count, i, j, first, stencil):
+    """Add B^T H B of one point to the stencils of the element's nodes."""
+    half = np.empty((27, TILE), np.float32)
+    for node in range(8):
+        if signs[node, 0] == 0.0 and signs[node, 1] == 0.0 and signs[node, 2] == 0.0:
+            continue
+        _node_rows(hessian, signs, node, count, half)
+        shift = np.uint64(first + node % 2)
+        for other in range(node, 8):
+            sx = np.float32(signs[other, 0])
+            sy = np.float32(signs[other, 1])
+            sz = np.float32(signs[other, 2])
+            if sx == 0.0 and sy == 0.0 and sz == 0.0:
+                continue
+            offset = _offset(node, other)
+            rows = stencil[i + node // 4, j + (node // 2) % 2]
+            for entry in range(9):
+                target = rows[9 * offset + entry]
+                px, py, pz = half[entry], half[9 + entry], half[18 + entry]
+                for k in range(np.uint64(0), np.uint64(count)):
+                    target[k + shift] += sx * px[k] + sy * py[k] + sz * pz[k]
+
+
+@contracting_kernel
+def _add_volume_pairs(gradient, bulk, count, i, j, first, stencil):
+    """Add kappa g g^T, g being the derivative of the elements' volume by their nodes."""
+    for node in range(8):
+        shift = np.uint64(first + node % 2)
+        for other in range(node, 8):
+            rows = stencil[i + node // 4, j + (node // 2) % 2]
+            for entry in range(9):
+                target = rows[9 * _offset(node, other) + entry]
+                left, right = gradient[3 * node + entry // 3], gradient[3 * other + entry % 3]
+                for k in range(np.uint64(0), np.uint64(count)):
+                    target[k + shift] += bulk[k] * left[k] * right[k]
+
+
+@contracting_kernel
+def _offset(node, other):
+    """Number of the stencil's neighbour that leads from one node of an element to a later one."""
+    dx = other // 4 - node // 4
+    dy = (other // 2) % 2 - (node // 2) % 2
+    dz = other % 2 - node % 2
+    return 9 * dx + 3 * dy + dz
+
+
+@contracting_kernel
+def _corner_signs(a, b, c, signs):
+    """Derivative of a corner's edges by the element's nodes."""
+    signs[:] = 0.0
+    corner = 4 * a + 2 * b + c
+    for i in range(3):
+        step = 4 >> i
+        far = corner ^ step
+        sign = 1.0 if far > corner else -1.0
+        signs[far, i] = sign
+        signs[corner, i] = -sign
+
+
+@contracting_kernel
+def _centre_signs(signs):
+    """Derivative of the mean edges by the element's nodes."""
+    for node in range(8):
+        for i in range(3):
+            signs[node, i] = 0.25 if node & (4 >> i) else -0.25
+
+
+@contracting_kernel
+def _point_edges(columns, point, count, signs, edges, corner):
+    """Edges and signs of a point: its corner's, or for point 8 the centre's."""
+    if point < 8:
+        a, b, c = point // 4, (point // 2) % 2, point % 2
+        _corner_signs(a, b, c, signs)
+        _corner_edges(columns, a, b, c, count, edges)
+        return
+    _centre_signs(signs)
+    edges[:, :count] = np.float32(0.0)
+    quarter = np.float32(0.125)
+    for other in range(8):
+        _corner_edges(columns, other // 4, (other // 2) % 2, other % 2, count, corner)
+        for row in range(9):
+            target, source = edges[row], corner[row]
+            for k in range(np.uint64(0), np.uint64(count)):
+                target[k] += quarter * source[k]
+
+
+@contracting_kernel
+def _tile_tangent(
+    columns, shear, bulk, corner_weight, local_part, least, geometric, i, j, first, count, stencil
+):
+    """Assemble one tile of elements."""
+    edges, corner = np.empty((9, TILE), np.float32), np.empty((9, TILE), np.float32)
+    hessian, gradient = np.empty((54, TILE), np.float32), np.zeros((24, TILE), np.float32)
+    volume, pressure = np.zeros(TILE, np.float32), np.empty(TILE, np.float32)
+    signs = np.empty((8, 3))
+    for point in range(9):
+        part = CENTRE_VOLUME if point == 8 else CORNER_VOLUME
+        _point_edges(columns, point, count, signs, edges, corner)
+        _add_volume(edges, np.float32(part), count, signs, volume, gradient)
+    mean_bulk = np.empty(TILE, np.float32)
+    for k in range(count):
+        mean_bulk[k] = bulk[k] - np.float32(local_part) * shear[k]
+        pressure[k] = mean_bulk[k] * (volume[k] - np.float32(1.0))
+    _add_volume_pairs(gradient, mean_bulk, count, i, j, first, stencil)
+    for point in range(9):
+        part = CENTRE_VOLUME if point == 8 else CORNER_VOLUME
+        weight = 1.0 - 8.0 * corner_weight if point == 8 else corner_weight
+        _point_edges(columns, point, count, signs, edges, corner)
+        _point_hessian(
+            edges, shear, pressure, np.float32(weight), np.float32(part),
+            np.float32(local_part), np.float32(geometric), least, count, hessian,
+        )  # fmt: skip
+        _add_pairs(hessian, signs, count, i, j, first, stencil)
+
+
+@contracting_parallel_kernel
+def tangent_stencil(u, shear, bulk, span, corner_weight, local_part, least, geometric, out):
+    """Tangent stiffness of all elements, added to the stencil `out`.
+
+    `geometric`, 0 to 1, scales the terms that may make it indefinite.
+    """
+    layers = u.shape[1] - 1
+    for parity in range(2):
+        for pair in prange((layers - parity + 1) // 2):
+            i = 2 * pair + parity
+            columns = np.empty((12, TILE + 1), np.float32)
+            moduli = np.empty((2, TILE), np.float32)
+            for j in range(u.shape[2] - 1):
+                for first in range(span[i, j, 0], span[i, j, 1], TILE):
+                    count = min(TILE, span[i, j, 1] - first)
+                    pack(u, i, j, first, count, columns)
+                    moduli[0, :count] = shear[i, j, first : first + count]
+                    moduli[1, :count] = bulk[i, j, first : first + count]
+                    _tile_tangent(
+                        columns, moduli[0], moduli[1], corner_weight, local_part, least,
+                        geometric, i, j, first, count, out,
+                    )  # fmt: skip

@@ -1,0 +1,206 @@
+"""From rest to the plates' final place: coarse bodies first, each the start of a finer one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.compression.continuation import continued
+from mammosim.compression.hyperelastic.body import Body
+from mammosim.compression.hyperelastic.contact import PENALTY, Contact, SurfacePoints
+from mammosim.compression.hyperelastic.mesh import ALIGNED, Mesh
+from mammosim.compression.hyperelastic.newton import State, Step, minimise
+from mammosim.compression.plates import Plates
+from mammosim.compression.springs import _stencil_kernels as stencils
+from mammosim.compression.springs.multigrid import Workspace
+
+FEWEST_NODES = 300
+"""A body with fewer is no start for a finer one."""
+
+EDGE_RADIUS_MM = 3.0
+"""Of the plates' edge; FDA VICTRE's paddle has this."""
+
+LOOSE = 0.1
+"""Out-of-balance force at which the state of a coarse body is good enough to refine."""
+
+ON_THE_WAY = 0.5
+"""Out-of-balance force that is good enough while the plates still close."""
+
+UNFOLDING = (30.0, 0.5)
+"""`local_part` and `least_volume` of a body whose start may have folded elements, at first: most of
+its bulk modulus acts at each point, which unfolds them, and a fold costs little else."""
+
+INCREMENT = 0.06
+"""Part of the breast's height by which the plates close at a time, at first."""
+
+SMALLEST_INCREMENT = INCREMENT / 32.0
+
+HISTORY = np.dtype(
+    [
+        ("iteration", np.int64),
+        ("element_mm", np.float64),
+        ("gap_mm", np.float64),
+        ("out_of_balance", np.float64),
+        ("depth_mm", np.float64),
+        ("force_n", np.float64),
+        ("energy_mj", np.float64),
+        ("smallest_j", np.float64),
+        ("cycles", np.int64),
+        ("step", np.float64),
+    ]
+)
+"""Columns of the history, one row a Newton step."""
+
+
+class Stages:
+    """The nested bodies of one mesh, and the history of what is solved on them.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    tolerance : float
+        Out-of-balance force at the end.
+    watch : callable, optional
+        Called with each row of the history.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        tolerance: float,
+        watch: Callable[[np.void], None] | None = None,
+    ) -> None:
+        self.mesh, self.tolerance = mesh, tolerance
+        self.bodies = [mesh.body]
+        while 2 ** len(self.bodies) <= ALIGNED:
+            coarse = self.bodies[-1].coarsened()
+            if np.count_nonzero(coarse.nodes) < FEWEST_NODES:
+                break
+            self.bodies.append(coarse)
+        self.points = [SurfacePoints.of(body) for body in self.bodies]
+        self.rows: list[np.void] = []
+        self._watch = watch
+        self._workspace = Workspace()
+        self._softness = _mean_modulus(mesh.body)
+
+    def contact(self, level: int, plates: Plates) -> Contact:
+        """The surface of one of the bodies between plates."""
+        size = 2.0**level
+        corner = self.mesh.nodes.origin_mm + (1.0 - size) * self.mesh.nodes.spacing_mm
+        edge = size * float(self.mesh.nodes.spacing_mm[0])
+        return Contact(
+            self.points[level],
+            (plates.support_z_mm - corner[2]) / edge,
+            (plates.paddle_z_mm - corner[2]) / edge,
+            (plates.edge_mm - corner[0]) / edge,
+            EDGE_RADIUS_MM / edge,
+            PENALTY * self._softness,
+        )
+
+    def compress(self, plates: Plates) -> State:
+        """State between plates, from rest."""
+        state = self._close(len(self.bodies) - 1, plates)
+        for level in range(len(self.bodies) - 2, -1, -1):
+            start = interpolated(state.u, self.bodies[level + 1], self.bodies[level])
+            if state.interrupted:
+                state = replace(state, u=start)
+            else:
+                state = self._settle(level, plates, start)
+        return state
+
+    def settle(self, plates: Plates, u: NDArray[np.float64]) -> State:
+        """State of the finest body between plates, from a displacement near it."""
+        return self._settle(0, plates, u)
+
+    def _settle(self, level: int, plates: Plates, u: NDArray[np.float64]) -> State:
+        """State of a body from a displacement that may have folded elements.
+
+        Those are unfolded first.
+        """
+        local, least = UNFOLDING
+        softened = replace(self.bodies[level], local_part=local, least_volume=least)
+        state = self._minimise(softened, level, plates, u, ON_THE_WAY)
+        if state.interrupted:
+            return state
+        tolerance = self.tolerance if level == 0 else LOOSE
+        return self._minimise(self.bodies[level], level, plates, state.u, tolerance)
+
+    def _close(self, level: int, plates: Plates) -> State:
+        """State of a body between plates that close from where they touch it, step by step."""
+        final_tolerance = self.tolerance if level == 0 else LOOSE
+        u = np.zeros((3, *self.bodies[level].nodes.shape))
+        before, done, gone, open_plates = u, 0.0, 0.0, self._touching(level, plates)
+        closing = open_plates.thickness_mm - plates.thickness_mm
+        increment = INCREMENT * open_plates.thickness_mm / max(closing, 1e-9)
+        while True:
+            part = min(1.0, done + increment)
+            between = _between(open_plates, plates, part)
+            ahead = (part - done) / (done - gone) if done > gone else 0.0
+            guess = u + ahead * (u - before)
+            tolerance = final_tolerance if part == 1.0 else ON_THE_WAY
+            state = self._minimise(self.bodies[level], level, between, guess, tolerance)
+            if state.interrupted:
+                return state
+            if state.converged:
+                before, u, gone, done = u, state.u, done, part
+                if done == 1.0:
+                    return state
+            elif increment * closing < SMALLEST_INCREMENT * open_plates.thickness_mm:
+                return state
+            else:
+                increment *= 0.5
+
+    def _touching(self, level: int, plates: Plates) -> Plates:
+        """Plates that just touch the surface in front of their edge, or are where they end."""
+        contact, size = self.contact(level, plates), 2.0**level
+        places = self.points[level].cells + self.points[level].local
+        ahead = places[places[:, 0] > contact.edge]
+        spacing = size * float(self.mesh.nodes.spacing_mm[2])
+        corner = self.mesh.nodes.origin_mm[2] + (1.0 - size) * self.mesh.nodes.spacing_mm[2]
+        low, high = (float(z) * spacing + corner for z in (ahead[:, 2].min(), ahead[:, 2].max()))
+        return Plates(min(low, plates.support_z_mm), max(high, plates.paddle_z_mm), plates.edge_mm)
+
+    def _minimise(
+        self, body: Body, level: int, plates: Plates, u: NDArray[np.float64], tolerance: float
+    ) -> State:
+        edge = 2.0**level * float(self.mesh.nodes.spacing_mm[0])
+
+        def watch(step: Step) -> None:
+            row = np.zeros(1, HISTORY)
+            row[0] = (
+                len(self.rows), edge, plates.thickness_mm, step.out_of_balance, step.depth * edge,
+                step.force * edge**2 * 1e-3, step.energy * edge**3 * 1e-3, step.smallest,
+                step.cycles, step.length,
+            )  # fmt: skip
+            self.rows.append(row[0])
+            if self._watch:
+                self._watch(row[0])
+
+        return minimise(
+            body, self.contact(level, plates), u, tolerance, self._workspace,
+            watch=watch,
+        )  # fmt: skip
+
+
+def interpolated(u: NDArray[np.float64], coarse: Body, fine: Body) -> NDArray[np.float64]:
+    """Displacement of a body from that of its coarsened one, each in its own lattice units."""
+    whole = continued(u, coarse.nodes, layers=2)
+    out, tissue = np.zeros((3, *fine.nodes.shape)), fine.nodes.astype(np.float64)
+    for d in range(3):
+        stencils.add_interpolated(whole[d], fine.node_span, tissue, out[d])
+    return 2.0 * out * fine.free
+
+
+def _between(start: Plates, end: Plates, part: float) -> Plates:
+    lower = start.support_z_mm + part * (end.support_z_mm - start.support_z_mm)
+    upper = start.paddle_z_mm + part * (end.paddle_z_mm - start.paddle_z_mm)
+    return Plates(lower, upper, end.edge_mm)
+
+
+def _mean_modulus(body: Body) -> float:
+    """Mean Young's modulus of the tissue that moves, kPa; 3 mu for nearly incompressible tissue."""
+    moves = body.active & (body.free[2] > 0.0)
+    return 3.0 * float(body.shear[moves].sum() / body.fraction[moves].sum())

@@ -1,0 +1,130 @@
+"""The `hyperelastic` model of a phantom: elements, plates, equilibrium, displacement field."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mammosim.compression.breast import CompressedBreast
+from mammosim.compression.continuation import continued
+from mammosim.compression.displacement import DisplacementField
+from mammosim.compression.force_control import reach_force
+from mammosim.compression.hyperelastic.measures import body_measures, weakest_place
+from mammosim.compression.hyperelastic.mesh import WALL, build_mesh
+from mammosim.compression.hyperelastic.newton import State
+from mammosim.compression.hyperelastic.stages import HISTORY, Stages
+from mammosim.compression.lattice import breast_volume_ml, tissue_front
+from mammosim.compression.plates import Plates, muscle_is_fixed, place_plates, plate_edge_mm
+from mammosim.compression.settings import CompressionSettings
+from mammosim.geometry import View
+from mammosim.phantom import BreastPhantom
+
+AIR_LAYERS = 3
+"""Of nodes around the tissue that move with it, the first along the slope of the field."""
+
+WIDEST_STEP = 0.1
+"""Part of the gap by which plates may move in one go from a state that is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Reached:
+    """A state and the plates that it lies between."""
+
+    state: State
+    plates: Plates
+
+    @property
+    def converged(self) -> bool:
+        return self.state.converged and not self.state.interrupted
+
+
+def compress_hyperelastic(
+    breast: BreastPhantom,
+    view: View,
+    settings: CompressionSettings,
+    seed: int = 1,
+    watch: Callable[[np.void], None] | None = None,
+) -> CompressedBreast:
+    """Compress a breast as a near-incompressible neo-Hookean solid, a finite element a block.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    view : View
+    settings : CompressionSettings
+    seed : int
+        Of no effect: nothing is random.
+    watch : callable, optional
+        Called with each row of the history.
+
+    Returns
+    -------
+    CompressedBreast
+        Its `converged` and `interrupted` say how the solver ended.
+
+    Notes
+    -----
+    W = mu/2 (J^(-2/3) I1 - 3) + kappa/2 (J - 1)^2, the volume being kept on the mean of an element.
+    No skin tension, gravity, friction or bending of the plates.
+    """
+    reach = tissue_front(breast)
+    fixed = muscle_is_fixed(settings, reach)
+    mesh = build_mesh(
+        breast, view, settings.resolution_mm, settings.stiffness, settings.chest_wall, fixed
+    )
+    edge = plate_edge_mm(settings, reach, fixed)
+    volume = breast_volume_ml(breast)
+    plates, notes = place_plates(settings, mesh.elements, edge, view.name, volume)
+    stages = Stages(mesh, settings.force_tolerance, watch)
+
+    def with_force(plates: Plates, start: _Reached | None) -> tuple[_Reached, float]:
+        near = start is not None and start.plates.thickness_mm - plates.thickness_mm < (
+            WIDEST_STEP * plates.thickness_mm
+        )
+        state = stages.settle(plates, start.state.u) if near and start else stages.compress(plates)
+        return _Reached(state, plates), body_measures(mesh, stages.contact(0, plates), state)[
+            "force_n"
+        ]
+
+    if settings.force_n is not None:
+        bottom, top = mesh.elements.height_mm
+        plates, reached = reach_force(plates, top - bottom, settings.force_n, with_force)
+        state = reached.state
+    else:
+        state = stages.compress(plates)
+    return _result(breast, view, stages, plates, state, (*mesh.elements.notes, *notes))
+
+
+def _result(
+    breast: BreastPhantom,
+    view: View,
+    stages: Stages,
+    plates: Plates,
+    state: State,
+    notes: tuple[str, ...],
+) -> CompressedBreast:
+    mesh = stages.mesh
+    measures = body_measures(mesh, stages.contact(0, plates), state)
+    if measures["inverted_cells"] > 0:
+        place = weakest_place(mesh, state, view.rotation)
+        notes = (
+            *notes,
+            f"{measures['inverted_cells']:.0f} elements are folded, the worst at "
+            f"({place[0]:.1f}, {place[1]:.1f}, {place[2]:.1f}) mm",
+        )
+    moved = continued(state.u, mesh.body.nodes, AIR_LAYERS, straight=1)
+    moved[:, :WALL] = moved[:, WALL : WALL + 1]
+    spacing = float(mesh.nodes.spacing_mm[0])
+    field = DisplacementField(
+        mesh.nodes,
+        np.ascontiguousarray(np.moveaxis(moved * spacing, 0, -1), dtype=np.float32),
+        mesh.body.nodes,
+        view.rotation,
+    )
+    return CompressedBreast(
+        breast, view, "hyperelastic", field, plates.support_z_mm, plates.paddle_z_mm,
+        plates.edge_mm, state.converged, measures, np.array(stages.rows, HISTORY), notes,
+        state.interrupted,
+    )  # fmt: skip
