@@ -64,6 +64,18 @@ def test_details_keep_their_contrast_in_the_margin():
     assert min(gains) > 0.8 * max(gains) > 0
 
 
+def test_a_thin_spot_is_dark_but_not_lost():
+    """What attenuates far less than fat nears black, as in film's toe, and still shows detail."""
+    attenuation, _, _ = compressed_breast()
+    shown = []
+    for missing in (0.3, 0.4, 0.5):
+        changed = attenuation.copy()
+        changed[420:450, 20:50] -= missing
+        shown.append(int(present(changed, PIXEL_MM).pixels[435, 35]))
+    assert shown[0] > shown[1] > shown[2] > 0
+    assert shown[0] < 0.12 * MAXIMUM
+
+
 def test_right_and_left_are_treated_alike():
     attenuation, _, _ = compressed_breast()
     turned = present(np.ascontiguousarray(attenuation[::-1, ::-1]), PIXEL_MM).pixels

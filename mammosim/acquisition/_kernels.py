@@ -184,21 +184,25 @@ def present_kernel(
     cell: float,
     low: float,
     high: float,
-    shoulder: float,
+    bends: tuple[float, float],
     maximum: float,
     out_pixels: NDArray[np.uint16],
 ) -> None:
     """Add the coarse correction, interpolated linearly, and show the sum as grey.
 
-    ``v = (level - low) / (high - low)``; from `shoulder` on the curve nears white as
-    ``1 - (1 - shoulder) exp(-(v - shoulder) / (1 - shoulder))``, with the same slope there.
+    ``v = (level - low) / (high - low)`` is straight between the two `bends`, toe and shoulder;
+    above the shoulder s the curve nears white as ``1 - (1 - s) exp(-(v - s) / (1 - s))``, below
+    the toe t it nears black as ``t exp((v - t) / t)``, both with the same slope there.
     """
+    toe, shoulder = bends
     rows, columns = attenuation.shape
     for row in numba.prange(rows):
         for column in range(columns):
             extra = _interpolated(added, (row + 0.5) / cell - 0.5, (column + 0.5) / cell - 0.5)
             level = attenuation[row, column] + extra
-            shown = max((level - low) / (high - low), 0.0)
+            shown = (level - low) / (high - low)
+            if shown < toe:
+                shown = toe * exp((shown - toe) / toe)
             if shown > shoulder:
                 shown = 1.0 - (1.0 - shoulder) * exp((shoulder - shown) / (1.0 - shoulder))
             out_pixels[row, column] = int(shown * maximum + 0.5)

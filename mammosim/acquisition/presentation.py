@@ -23,14 +23,15 @@ ALONG_EDGE_SIGMA_MM = 12.0  # and along the edge on this scale
 PROFILE_QUANTILE = 0.30  # fat between gland: what the margin is equalised by
 STRENGTH = 0.90  # part of the missing thickness that is made up
 SKIN_RAMP_MM = 2.5  # over which equalisation sets in, so that the skin line stands against air
-FAT_QUANTILE, GLAND_QUANTILE = 0.03, 0.99  # dense breasts have little pure fat, but some
+# Dense breasts have little pure fat, but some; a thin spot at the chest wall is no fat's level.
+FAT_QUANTILE, GLAND_QUANTILE = 0.08, 0.99
 LEVELS_DEPTH_MM = 8.0  # the levels of fat and gland are taken deeper than this
 FAT_LEVEL = 0.28  # grey of fat, as part of the range, on clinical mammograms
 # Contrast (ln) of what is shown at white, above fat: a fatty breast is not stretched beyond the
 # first, and muscle or an all-dense breast (about 33 mm of gland more than its neighbour) beyond
 # the second goes into the shoulder of the curve.
 LEAST_CONTRAST, MOST_CONTRAST = 0.45, 1.0
-SHOULDER = 0.75  # grey from which the curve bends, as film's does
+BENDS = (0.12, 0.75)  # grey below and above which the curve bends, as film's toe and shoulder do
 MAXIMUM = 4095  # 12 bits
 
 
@@ -83,7 +84,7 @@ def present(attenuation: NDArray[np.float32], pixel_mm: float) -> Presentation:
     added = _missing_attenuation(coarse, breast, depth_mm, cell_mm)
     low, high = _levels((coarse + added)[depth_mm > LEVELS_DEPTH_MM], (coarse + added)[breast])
     pixels = np.empty(attenuation.shape, np.uint16)
-    present_kernel(attenuation, added, float(cell), low, high, SHOULDER, float(MAXIMUM), pixels)
+    present_kernel(attenuation, added, float(cell), low, high, BENDS, float(MAXIMUM), pixels)
     return Presentation(pixels, (MAXIMUM + 1) / 2, float(MAXIMUM + 1))
 
 
