@@ -76,6 +76,18 @@ def test_verdicts_say_where_a_number_lies(value, verdict):
     assert Finding("x", "mm", value, 1.0, 2.0, "a source").verdict == verdict
 
 
+def test_a_range_that_is_not_published_is_not_called_so():
+    unpublished = [
+        f.name
+        for f in realism(make_compressed(VIEW), make_mammogram(VIEW))
+        if f.basis == "expected"
+    ]
+    assert unpublished == ["Quantum noise of a pixel behind the dense part"]
+    assert (
+        Finding("x", "", 3.0, 1.0, 2.0, "ours", basis="expected").verdict == "higher than expected"
+    )
+
+
 def test_ranges_follow_thickness_view_and_pixel():
     findings = {f.name: f for f in realism(make_compressed(VIEW), make_mammogram(VIEW))}
     dose = findings["Mean glandular dose"]

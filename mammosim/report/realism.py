@@ -16,7 +16,7 @@ from mammosim.compression.plates import population_thickness_mm
 from mammosim.report.quantities import number
 from mammosim.report.texture import power_law_exponent
 
-Verdict = Literal["as published", "lower than published", "higher than published", "not measured"]
+Basis = Literal["published", "expected"]
 
 # Acceptable mean glandular dose, mGy, over the thickness of the equivalent breast, mm (European
 # guidelines for quality assurance in breast cancer screening and diagnosis, 4th edition, 2006).
@@ -48,6 +48,8 @@ class Finding:
         Where the range is from, and what it is of.
     decimals : int
         Decimals to print.
+    basis : {"published", "expected"}
+        Whether the range is published, or only what is to be expected.
     """
 
     name: str
@@ -57,15 +59,16 @@ class Finding:
     high: float
     source: str
     decimals: int = 1
+    basis: Basis = "published"
 
     @property
-    def verdict(self) -> Verdict:
-        """Where the value lies against the range; the ends belong to it."""
+    def verdict(self) -> str:
+        """Where the value lies against the range, in words; the ends belong to it."""
         if not math.isfinite(self.value):
             return "not measured"
         if self.value < self.low:
-            return "lower than published"
-        return "higher than published" if self.value > self.high else "as published"
+            return f"lower than {self.basis}"
+        return f"higher than {self.basis}" if self.value > self.high else f"as {self.basis}"
 
     @property
     def value_text(self) -> str:
@@ -159,5 +162,6 @@ def _noise(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
     return Finding(
         "Quantum noise of a pixel behind the dense part", "%", value,
         _NOISE_PERCENT[0] * scale, _NOISE_PERCENT[1] * scale,
-        "assumed: half to twice of what 80 mAs of W/Rh leave behind 5 cm, at this pixel size", 2,
+        "our own estimate, no published range: half to twice of what 80 mAs of W/Rh leave behind "
+        "5 cm, at this pixel size", 2, "expected",
     )  # fmt: skip
