@@ -166,6 +166,11 @@ def _row_text(row: Any) -> str:
         nodes = max(int(row["nodes_counted"]), 1)
         means = ", ".join(f"{axis} {row[f'sum_d{axis}_voxel'] / nodes:.1e}" for axis in "xyz")
         return f"sweep {row['sweep']}, mean move {means}"
+    if "element_mm" in row.dtype.names:
+        return (
+            f"{row['element_mm']:g} mm elements, gap {row['gap_mm']:.1f} mm: out of balance "
+            f"{row['out_of_balance']:.1e}, {row['force_n']:.1f} N, smallest J {row['smallest_j']:.2f}"
+        )
     return (
         f"{row['nodes']} nodes, {row['axis']}: error {row['error_estimate_voxel']:.1e} voxel, "
         f"{row['nodes_held']} held by the plates"
