@@ -169,7 +169,8 @@ def _row_text(row: Any) -> str:
     if "element_mm" in row.dtype.names:
         return (
             f"{row['element_mm']:g} mm elements, gap {row['gap_mm']:.1f} mm: out of balance "
-            f"{row['out_of_balance']:.1e}, {row['force_n']:.1f} N, smallest J {row['smallest_j']:.2f}"
+            f"{row['out_of_balance']:.1e}, {row['force_n']:.1f} N, smallest J "
+            f"{row['smallest_j']:.2f}"
         )
     return (
         f"{row['nodes']} nodes, {row['axis']}: error {row['error_estimate_voxel']:.1e} voxel, "

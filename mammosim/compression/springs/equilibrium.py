@@ -187,6 +187,8 @@ class _Run:
             if changes == 0 and error <= self.tolerance:
                 axis.keep()
                 return error, True
+            if changes == 0:
+                axis.renew()
         return error, False
 
 
@@ -215,7 +217,7 @@ class _Axis:
     ) -> None:
         self.name, self.u, self.held, self.multigrid = name, u, 0, unheld
         self._load, self._unheld, self._hold_nodes = load, unheld, hold_nodes
-        self._base = unheld.finest
+        self._base, self._stale = unheld.finest, False
         self._contact = np.zeros(u.shape if hold_nodes else (0, 0, 0), np.int8)
 
     def hold(self, slack: float) -> tuple[int, NDArray[np.floating]]:
@@ -244,12 +246,19 @@ class _Axis:
             self.held = int(np.count_nonzero(self._contact))
             finest = replace(base, free=base.free * (self._contact == 0))
             if self.multigrid is self._unheld or changes > STALE_PART * self.held:
-                self.multigrid = Multigrid(finest, workspace)
+                self.multigrid, self._stale = Multigrid(finest, workspace), False
             else:
                 self.multigrid.replace_finest(finest)
+                self._stale = True
         if self.held:
             self.multigrid.finest.residual(self.u, self._load, force)
         return changes, force
+
+    def renew(self) -> None:
+        """Bring the coarse operators up to date with what is held, where that is needed."""
+        if self._stale:
+            self.multigrid = Multigrid(self.multigrid.finest, self.multigrid.workspace)
+            self._stale = False
 
     def keep(self) -> None:
         """Put what the last correction left beyond an obstacle back on it."""
