@@ -3,8 +3,8 @@
     python benchmarks/fem.py REFERENCES [--elements 8 5 4 2.5 2]
 
 REFERENCES is the folder with `R1_slide50_grid5mm.npz` (dolfinx, Q1 displacement, P0 pressure,
-25 895 nodes, 50 %, sliding wall) and `R2_fixed20_grid5mm.npz` (20 %, fixed wall). Prints for each element
-size the error on the reference's grid points, the inclusion's displacement and stretch, the bulge,
+25 895 nodes, 50 %, sliding wall) and `R2_fixed20_grid5mm.npz` (20 %, fixed wall). Prints for each
+element size the error on the reference's grid points, the inclusion's displacement and stretch, the bulge,
 the volume and the time, and the observed order between sizes.
 """
 

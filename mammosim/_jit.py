@@ -7,8 +7,8 @@ bits whatever the machine's vector width and number of threads.
 
 `contracting_kernel` and `contracting_parallel_kernel` also let the compiler fuse a multiplication
 and the addition that follows it, which is twice as fast in stencils and keeps NaN and infinity as
-they are. `inlined_kernel` is for formulas that such kernels share; `sized_kernel` is the first two of
-these in one: sequential for small arrays.
+they are. `inlined_kernel` is for formulas that such kernels share; `sized_kernel` is the first two
+of these in one: sequential for small arrays.
 """
 
 from __future__ import annotations
