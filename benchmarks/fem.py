@@ -4,7 +4,7 @@
 
 REFERENCES is the folder with `R1_slide50_grid5mm.npz` (dolfinx, Q1 displacement, P0 pressure,
 25 895 nodes, 50 %, sliding wall) and `R2_fixed20_grid5mm.npz` (20 %, fixed wall). Prints for each
-element size the error on the reference's grid points, the inclusion's displacement and stretch, the bulge,
+element size the error on the grid points, the displacement and stretch of the inclusion, the bulge,
 the volume and the time, and the observed order between sizes.
 """
 
