@@ -14,6 +14,9 @@ from mammosim.errors import InputError
 EDGE_BEFORE_WALL_MM = 5.0
 """Plates' edge in front of the chest wall or fixed muscle, mm: tissue needs room to bend there."""
 
+EDGE_RADIUS_MM = 3.0
+"""Of the rounding at the plates' edge; the paddle of FDA's VICTRE has it."""
+
 MOST_OF_HEIGHT = 0.8
 """A thickness from the population fit is at most this part of the breast's own height."""
 

@@ -58,11 +58,13 @@ class SpringCase:
         heights = np.array([[0.0, 0.0, plates.support_z_mm], [0.0, 0.0, plates.paddle_z_mm]])
         lower, upper = frame.index(heights)[:, 2]
         # A point is moved by nodes up to one spacing behind it: where those behind the edge were
-        # free, tissue just beyond it would stand out through the plates.
-        edge = float((plates.edge_mm - frame.origin_mm[0]) / frame.spacing_mm[0]) - 1.0
+        # free, tissue just beyond it would stand out through the plates. For the same reason the
+        # edge is not rounded: what rises behind it would come forward above the rounding, where
+        # the detector begins, and draw a white line along the chest wall.
+        edge = float((plates.edge_mm - frame.origin_mm[0]) / self.spacing_mm) - 1.0
         return SpringProblem(
             self.lattice.modulus, self.fixed, float(lower), float(upper), edge,
-            force=self.force, growth=self.growth, chest=float(self.chest),
+            force=self.force, edge_radius=0.0, growth=self.growth, chest=float(self.chest),
         )  # fmt: skip
 
 

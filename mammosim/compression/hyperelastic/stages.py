@@ -13,15 +13,12 @@ from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import PENALTY, Contact, SurfacePoints
 from mammosim.compression.hyperelastic.mesh import ALIGNED, Mesh
 from mammosim.compression.hyperelastic.newton import State, Step, minimise
-from mammosim.compression.plates import Plates
+from mammosim.compression.plates import EDGE_RADIUS_MM, Plates
 from mammosim.compression.springs import _stencil_kernels as stencils
 from mammosim.compression.springs.multigrid import Workspace
 
 FEWEST_NODES = 300
 """A body with fewer is no start for a finer one."""
-
-EDGE_RADIUS_MM = 3.0
-"""Of the plates' edge; FDA VICTRE's paddle has this."""
 
 LOOSE = 0.1
 """Out-of-balance force at which the state of a coarse body is good enough to refine."""
