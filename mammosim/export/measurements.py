@@ -116,10 +116,11 @@ def _group(
     if target.volume_mm3 > 0.0:
         volume = round(float(target.volume_mm3), 4)
         measured.append(sr.Measurement(name=_VOLUME, value=volume, unit=_MM3))
+    shared = segmentation.SharedFunctionalGroupsSequence[0]
     frames = [
         place
         for place, frame in enumerate(segmentation.PerFrameFunctionalGroupsSequence, start=1)
-        if frame.SegmentIdentificationSequence[0].ReferencedSegmentNumber == number
+        if _segment_number(frame, shared) == number
     ]
     return sr.PlanarROIMeasurementsAndQualitativeEvaluations(
         tracking_identifier=sr.TrackingIdentifier(
@@ -135,6 +136,12 @@ def _group(
         finding_type=LESION_CODES[target.kind][1],
         measurements=measured,
     )
+
+
+def _segment_number(frame: Dataset, shared: Dataset) -> int:
+    """Segment of a frame; where all frames are of one, it may stand with what they share."""
+    where = frame if "SegmentIdentificationSequence" in frame else shared
+    return int(where.SegmentIdentificationSequence[0].ReferencedSegmentNumber)
 
 
 def _settle(
