@@ -36,7 +36,8 @@ def test_a_run_leaves_every_file_of_the_contract(finished):
     found = {str(path.relative_to(finished)) for path in finished.rglob("*") if path.is_file()}
     view = {
         "for_processing.dcm", "for_presentation.dcm", "mammogram.tif", "preview.png",
-        "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm", "compressed.nii.gz", "displacement.nii.gz",
+        "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm",
+        "compressed.nii.gz", "displacement.nii.gz",
         "convergence.csv", "compression.json",
     }  # fmt: skip
     expected = {"run.json", "config.yaml", "lesions.csv", "report.html"}
