@@ -14,12 +14,8 @@ from mammosim.compression.springs import _lattice_kernels as lattice
 from mammosim.compression.springs import _stencil_kernels as stencils
 from mammosim.compression.springs._plate_kernels import foremost
 from mammosim.compression.springs._relaxation_kernels import Springs, mark_nodes, sweep
-from mammosim.compression.springs.multigrid import (
-    LatticeLevel,
-    Multigrid,
-    Workspace,
-    conjugate_gradients,
-)
+from mammosim.compression.springs.levels import LatticeLevel
+from mammosim.compression.springs.multigrid import Multigrid, Workspace, conjugate_gradients
 
 
 def level_of(modulus: np.ndarray, fixed: np.ndarray) -> LatticeLevel:

@@ -4,76 +4,83 @@ A stencil is symmetric; of its 27 coefficients the 14 from the centre onwards in
 ``9 (dx+1) + 3 (dy+1) + (dz+1)`` are stored as ``stencil[o, x, y, z]``, the others being those of
 the neighbour. Arrays have one empty layer around. Coarse node J lies on fine node 2 J - 1 along
 each axis, so that the first tissue layer (index 1) is a coarse layer too; a fine node with an even
-index lies half-way between two coarse ones (trilinear interpolation).
+index lies half-way between two coarse ones (trilinear interpolation). Indices are unsigned, as in
+`_lattice_kernels`.
 """
 
 import numpy as np
 from numba import prange
 
-from mammosim._jit import contracting_kernel, sized_kernel
-from mammosim.compression.springs._lattice_kernels import column_stiffness
+from mammosim._jit import contracting_kernel, inlined_kernel, sized_kernel
+from mammosim.compression.springs._lattice_kernels import column_stiffness, visited
 
 _ONE = np.uint64(1)
 
 
-@contracting_kernel
-def _row_residual(stencil, u, load, i, j, out):
-    """``out = load - A u`` for one row along z; no load if None."""
-    last = np.uint64(u.shape[2] - 1)
-    here, centre = u[i, j], stencil[0, i, j]
-    for k in range(_ONE, last):
-        out[k] = -centre[k] * here[k]
-    if load is not None:
-        column_load = load[i, j]
-        for k in range(_ONE, last):
-            out[k] += column_load[k]
-    for offset in range(1, 14):
-        flat = offset + 13
-        di, dj, dk = flat // 9 - 1, (flat // 3) % 3 - 1, flat % 3 - 1
-        shift = np.uint64(dk + 1)
-        ahead, behind = u[i + di, j + dj], u[i - di, j - dj]
-        own, other = stencil[offset, i, j], stencil[offset, i - di, j - dj]
-        for k in range(_ONE, last):
-            back = k + _ONE - shift
-            out[k] -= own[k] * ahead[k + shift - _ONE] + other[back] * behind[back]
+@inlined_kernel
+def _coefficient(stencil, i, j, k, a, b, c):
+    """Coefficient of node (i, j, k) for its neighbour (i + a - 1, j + b - 1, k + c - 1)."""
+    flat = 9 * a + 3 * b + c
+    if flat >= 13:
+        return stencil[flat - 13, i, j, k]
+    return stencil[
+        13 - flat, i + np.uint64(a) - _ONE, j + np.uint64(b) - _ONE, k + np.uint64(c) - _ONE
+    ]
+
+
+@inlined_kernel
+def _product(stencil, u, i, j, k):
+    """``A u`` at one node."""
+    total = u.dtype.type(0.0)
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                there = u[i + np.uint64(a) - _ONE, j + np.uint64(b) - _ONE, k + np.uint64(c) - _ONE]
+                total += _coefficient(stencil, i, j, k, a, b, c) * there
+    return total
 
 
 @sized_kernel
-def stencil_residual(stencil, u, load, out):
-    """``out = load - A u``."""
-    for i in prange(1, u.shape[0] - 1):
-        for j in range(1, u.shape[1] - 1):
-            _row_residual(stencil, u, load, i, j, out[i, j])
+def stencil_residual(stencil, span, u, load, out):
+    """``out = load - A u``; no load if None. Only what `span` holds is visited."""
+    for layer in prange(1, u.shape[0] - 1):
+        i = np.uint64(layer)
+        for j in range(_ONE, np.uint64(u.shape[1] - 1)):
+            first, last = visited(span, i, j, u.shape[2])
+            if load is None:
+                for k in range(first, last):
+                    out[i, j, k] = -_product(stencil, u, i, j, k)
+            else:
+                for k in range(first, last):
+                    out[i, j, k] = load[i, j, k] - _product(stencil, u, i, j, k)
 
 
 @sized_kernel
-def stencil_smooth(stencil, inverse_diagonal, u, load, keep, gain, direction, out):
+def stencil_smooth(stencil, span, inverse_diagonal, u, load, keep, gain, direction, out):
     """``direction = keep direction + gain D^-1 (load - A u)``; ``out = u + direction``."""
-    for i in prange(1, u.shape[0] - 1):
-        force = np.empty(u.shape[2], u.dtype)
-        for j in range(1, u.shape[1] - 1):
-            _row_residual(stencil, u, load, i, j, force)
-            here, row = u[i, j], out[i, j]
-            step, scale = direction[i, j], inverse_diagonal[i, j]
-            for k in range(_ONE, np.uint64(u.shape[2] - 1)):
-                step[k] = keep * step[k] + gain * scale[k] * force[k]
-                row[k] = here[k] + step[k]
+    for layer in prange(1, u.shape[0] - 1):
+        i = np.uint64(layer)
+        for j in range(_ONE, np.uint64(u.shape[1] - 1)):
+            first, last = visited(span, i, j, u.shape[2])
+            for k in range(first, last):
+                force = load[i, j, k] - _product(stencil, u, i, j, k)
+                step = keep * direction[i, j, k] + gain * inverse_diagonal[i, j, k] * force
+                direction[i, j, k] = step
+                out[i, j, k] = u[i, j, k] + step
 
 
 @sized_kernel
 def restrict(fine, out):
     """Transpose of the trilinear interpolation: fine residual to coarse load."""
     for i in prange(1, out.shape[0] - 1):
-        row = np.empty(fine.shape[2], fine.dtype)
+        row = np.zeros(max(fine.shape[2], 2 * out.shape[2]), fine.dtype)
+        half = row.dtype.type(0.5)
         for j in range(1, out.shape[1] - 1):
             _gather_row(fine, i, j, row)
-            for k in range(1, out.shape[2] - 1):
-                centre = 2 * k - 1
-                total = row[centre] if centre < row.size else row.dtype.type(0.0)
-                total += row.dtype.type(0.5) * row[centre - 1]
-                if centre + 1 < row.size:
-                    total += row.dtype.type(0.5) * row[centre + 1]
-                out[i, j, k] = total
+            column = out[i, j]
+            for k in range(_ONE, np.uint64(out.shape[2] - 1)):
+                centre = k + k - _ONE
+                column[k] = row[centre] + half * (row[centre - _ONE] + row[centre + _ONE])
 
 
 @contracting_kernel
@@ -87,7 +94,7 @@ def _gather_row(fine, i, j, row):
             if fi < fine.shape[0] and fj < fine.shape[1]:
                 weight = row.dtype.type((1.0 - 0.5 * abs(di)) * (1.0 - 0.5 * abs(dj)))
                 source = fine[fi, fj]
-                for k in range(row.size):
+                for k in range(source.size):
                     row[k] += weight * source[k]
 
 
@@ -96,13 +103,14 @@ def add_interpolated(coarse, span, free, fine):
     """``fine += free * P coarse``."""
     for i in prange(1, fine.shape[0] - 1):
         row = np.empty(coarse.shape[2], coarse.dtype)
+        between = np.zeros(2 * coarse.shape[2], coarse.dtype)
+        quarter, half = row.dtype.type(0.25), row.dtype.type(0.5)
         for j in range(1, fine.shape[1] - 1):
-            first, last = span[i, j, 0], span[i, j, 1]
+            first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
             if first >= last:
                 continue
             i_low, i_high = (i + 1) // 2, i // 2 + 1
             j_low, j_high = (j + 1) // 2, j // 2 + 1
-            quarter = row.dtype.type(0.25)
             for k in range(row.size):
                 row[k] = quarter * (
                     coarse[i_low, j_low, k]
@@ -110,64 +118,113 @@ def add_interpolated(coarse, span, free, fine):
                     + coarse[i_high, j_low, k]
                     + coarse[i_high, j_high, k]
                 )
-            half = row.dtype.type(0.5)
+            for k in range(_ONE, np.uint64(row.size - 1)):
+                between[k + k - _ONE] = row[k]
+                between[k + k] = half * (row[k] + row[k + _ONE])
+            mask, column = free[i, j], fine[i, j]
             for k in range(first, last):
-                value = half * (row[(k + 1) // 2] + row[k // 2 + 1])
-                fine[i, j, k] += free[i, j, k] * value
+                column[k] += mask[k] * between[k]
 
 
 @sized_kernel
-def galerkin_of_lattice(springs, diagonal, free, out):
+def galerkin_of_lattice(springs, diagonal, free, span, out):
     """Stencil of ``P^T A P`` on the first coarse level, A being the lattice among free nodes."""
     for i in prange(1, out.shape[1] - 1):
-        half = np.zeros((27, free.shape[1], free.shape[2]), np.float32)
-        _collapse_x(springs, diagonal, free, i, half)
-        _collapse_yz(half, i, out)
+        _collapse_layer(springs, diagonal, free, span, i, out)
 
 
 @sized_kernel
-def galerkin_of_stencil(stencil, out):
+def galerkin_of_stencil(stencil, span, out):
     """Stencil of ``P^T A P`` on the next coarse level."""
     for i in prange(1, out.shape[1] - 1):
-        half = np.zeros((27, stencil.shape[2], stencil.shape[3]), np.float32)
-        _collapse_x(stencil, None, None, i, half)
-        _collapse_yz(half, i, out)
+        _collapse_layer(stencil, None, None, span, i, out)
 
 
 @contracting_kernel
-def _coarse_weight(reach, step):
-    """Weight along an axis, at fine distance `reach`, of the coarse node `step` away."""
-    return max(0.0, 1.0 - 0.5 * abs(reach - 2 * step))
+def _collapse_layer(operator, diagonal, free, span, i, out):
+    """The 14 coefficients of coarse layer `i`: sums over fine x, then y, then z.
 
-
-@contracting_kernel
-def _collapse_x(operator, diagonal, free, i, half):
-    """Sum over fine x around coarse layer `i`: stencil [27, y, z], still fine along y and z.
-
-    `operator` is a stencil, or the springs of a lattice if `free` is not None.
+    `operator` is a stencil, or the springs of a lattice if `free` is not None. A fine row's
+    coefficients are `rows`, [dx, (dy, dz), z]. Summed over x they are `half`, [fine y modulo 3, X,
+    (dy, dz), z], X = 0, 1 being the coarse neighbour along x; then over y `quarter`, [(X, Y), dz,
+    z] with (X, Y) = (0, 0), (0, 1), (1, -1), (1, 0), (1, 1). What leads back is left to the
+    neighbour. Where `span` is empty nothing is summed.
     """
-    ny, nz = half.shape[1], np.uint64(half.shape[2] - 1)
-    fine_layers = operator.shape[-3]
-    row = np.empty((3, half.shape[2]), np.float32)
-    for ti in range(-1, 2):
-        fi = 2 * i - 1 + ti
-        if fi < 1 or fi > fine_layers - 2:
-            continue
-        for j in range(1, ny - 1):
-            for pair in range(9):
-                di, dj = pair // 3 - 1, pair % 3 - 1
-                _operator_row(operator, diagonal, free, fi, j, di, dj, row)
-                for step in range(-1, 2):
-                    weight = np.float32((1.0 - 0.5 * abs(ti)) * _coarse_weight(ti + di, step))
-                    if weight > 0.0:
-                        for c in range(3):
-                            source = row[c]
-                            target = half[9 * (step + 1) + 3 * (dj + 1) + c, j]
-                            for k in range(_ONE, nz):
-                                target[k] += weight * source[k]
+    size = max(operator.shape[-1], 2 * out.shape[3])
+    rows = np.zeros((3, 9, size), np.float32)
+    half = np.zeros((3, 2, 3, 3 * size), np.float32)
+    quarter = np.zeros((5, 3 * size), np.float32)
+    filled = np.zeros(3, np.bool_)
+    for j in range(1, out.shape[2] - 1):
+        for fj in range(2 * j - 2 if j == 1 else 2 * j - 1, 2 * j + 1):
+            sums = half[fj % 3].reshape(2, 9 * size)
+            sums[:] = 0.0
+            filled[fj % 3] = False
+            for t in range(-1, 2):
+                fi = 2 * i - 1 + t
+                if fi < span.shape[0] and fj < span.shape[1] and span[fi, fj, 1] > 0:
+                    filled[fj % 3] = True
+                    for pair in range(9):
+                        di, dj = pair // 3 - 1, pair % 3 - 1
+                        target = rows[pair // 3, 3 * (dj + 1) : 3 * (dj + 1) + 3]
+                        _operator_row(operator, diagonal, free, fi, fj, di, dj, target)
+                    _add_collapsed(t, rows.reshape(3, 9 * size), None, sums[0], sums[1])
+        if filled.any():
+            quarter[:] = 0.0
+            for t in range(-1, 2):
+                level, ahead = half[(2 * j - 1 + t) % 3]
+                _add_collapsed(t, level, None, quarter[0], quarter[1])
+                _add_collapsed(t, ahead, quarter[2], quarter[3], quarter[4])
+            for pair in range(5):
+                _collapse_z(quarter[pair].reshape(3, size), 3 * pair, i, j, out)
+
+
+@inlined_kernel
+def _add_collapsed(t, rows, behind, level, ahead):
+    """Add a fine layer at t = -1, 0, 1 from a coarse one to the coarse springs along that axis.
+
+    `rows` are the fine springs to layers t - 1, t and t + 1. The weight is that of the
+    interpolation at either end: 1 on a coarse layer, 1/2 beside it.
+    """
+    back, here, on = rows[0], rows[1], rows[2]
+    own_back = np.float32(0.0 if t < 0 else 0.5)
+    own_here = np.float32(1.0 if t == 0 else 0.25)
+    own_on = np.float32(0.0 if t > 0 else 0.5)
+    far_here = np.float32(0.25 if t != 0 else 0.0)
+    if t >= 0:
+        far_here = np.float32(0.25 if t > 0 else 0.0)
+        for k in range(np.uint64(level.size)):
+            level[k] += own_back * back[k] + own_here * here[k] + own_on * on[k]
+            ahead[k] += far_here * here[k] + np.float32(0.5) * on[k]
+    else:
+        for k in range(np.uint64(level.size)):
+            level[k] += own_here * here[k] + own_on * on[k]
+    if behind is not None and t <= 0:
+        for k in range(np.uint64(level.size)):
+            behind[k] += np.float32(0.5) * back[k] + far_here * here[k]
 
 
 @contracting_kernel
+def _collapse_z(rows, number, i, j, out):
+    """The same along z: coefficients `number` - 1 to `number` + 1 of a column of coarse nodes."""
+    half, quarter = np.float32(0.5), np.float32(0.25)
+    back, here, on = rows[0], rows[1], rows[2]
+    level, ahead = out[number, i, j], out[number + 1, i, j]
+    for k in range(_ONE, np.uint64(out.shape[3] - 1)):
+        f = k + k - _ONE
+        low, high = f - _ONE, f + _ONE
+        level[k] = (here[f] + half * (back[f] + on[f] + on[low] + back[high])) + quarter * (
+            here[low] + here[high]
+        )
+        ahead[k] = half * (on[f] + on[high]) + quarter * here[high]
+    if number > 0:
+        behind = out[number - 1, i, j]
+        for k in range(_ONE, np.uint64(out.shape[3] - 1)):
+            f = k + k - _ONE
+            behind[k] = half * (back[f] + back[f - _ONE]) + quarter * here[f - _ONE]
+
+
+@inlined_kernel
 def _operator_row(operator, diagonal, free, i, j, di, dj, out):
     """Coefficients of neighbours (di, dj, -1 .. 1) along one row, `out` being [3, z]."""
     if operator.ndim == 3:  # a test by itself, so that the compiler leaves the others out
@@ -178,7 +235,7 @@ def _operator_row(operator, diagonal, free, i, j, di, dj, out):
         _lattice_row(operator, diagonal, free, i, j, di, dj, out)
 
 
-@contracting_kernel
+@inlined_kernel
 def _stencil_row(stencil, i, j, di, dj, out):
     """Coefficients of a stored stencil."""
     last = np.uint64(stencil.shape[3] - 1)
@@ -192,50 +249,27 @@ def _stencil_row(stencil, i, j, di, dj, out):
             row[k] = source[k + shift - _ONE]
 
 
-@contracting_kernel
+@inlined_kernel
 def _lattice_row(springs, diagonal, free, i, j, di, dj, out):
     """Coefficients of the lattice among its free nodes."""
     last = np.uint64(free.shape[2] - 1)
-    column_stiffness(springs, i, j, di, dj, _ONE, last, out)
     own, other = free[i, j], free[i + di, j + dj]
-    for c in range(3):
-        row, shift = out[c], np.uint64(c)
+    below, level, above = out[0], out[1], out[2]
+    if springs.ndim == 3:
+        here, there = springs[i, j], springs[i + di, j + dj]
         for k in range(_ONE, last):
-            row[k] *= -own[k] * other[k + shift - _ONE]
+            low, high = k - _ONE, k + _ONE
+            e = here[k] * own[k]
+            below[k] = -min(e, there[low] * other[low])
+            level[k] = -min(e, there[k] * other[k])
+            above[k] = -min(e, there[high] * other[high])
+    else:
+        column_stiffness(springs, i, j, di, dj, _ONE, last, out)
+        for k in range(_ONE, last):
+            below[k] *= -own[k] * other[k - _ONE]
+            level[k] *= -own[k] * other[k]
+            above[k] *= -own[k] * other[k + _ONE]
     if di == 0 and dj == 0:
         diag, row = diagonal[i, j], out[1]
         for k in range(_ONE, last):
             row[k] = own[k] * diag[k]
-
-
-@contracting_kernel
-def _collapse_yz(half, i, out):
-    """Sum over fine y, then z; store the 14 coefficients of coarse layer `i`."""
-    quarter = np.zeros((27, half.shape[2]), np.float32)
-    for j in range(1, out.shape[2] - 1):
-        quarter[:] = 0.0
-        for tj in range(-1, 2):
-            fj = 2 * j - 1 + tj
-            if fj < 1 or fj > half.shape[1] - 2:
-                continue
-            for offset in range(27):
-                dj = (offset // 3) % 3 - 1
-                for step in range(-1, 2):
-                    weight = np.float32((1.0 - 0.5 * abs(tj)) * _coarse_weight(tj + dj, step))
-                    if weight > 0.0:
-                        row = quarter[offset - 3 * dj + 3 * step]
-                        source = half[offset, fj]
-                        for k in range(row.size):
-                            row[k] += weight * source[k]
-        for k in range(1, out.shape[3] - 1):
-            for tk in range(-1, 2):
-                fk = 2 * k - 1 + tk
-                if fk < 1 or fk > half.shape[2] - 2:
-                    continue
-                for offset in range(27):
-                    dk = offset % 3 - 1
-                    for step in range(-1, 2):
-                        target = offset - dk + step
-                        weight = np.float32((1.0 - 0.5 * abs(tk)) * _coarse_weight(tk + dk, step))
-                        if weight > 0.0 and target >= 13:
-                            out[target - 13, i, j, k] += weight * quarter[offset, fk]

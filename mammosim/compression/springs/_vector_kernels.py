@@ -8,16 +8,14 @@ from mammosim._jit import sized_kernel
 
 @sized_kernel
 def slab_dots(a, b, out):
-    """``out[i] = sum of a[i] b[i]`` in double precision."""
+    """``out[i] = sum of a[i] b[i]`` in double precision; along z last, so that rows add up fast."""
     for i in prange(a.shape[0]):
-        total = 0.0
+        total = np.zeros(a.shape[2])
         for j in range(a.shape[1]):
             row_a, row_b = a[i, j], b[i, j]
-            part = 0.0
-            for k in range(row_a.size):
-                part += row_a[k] * row_b[k]
-            total += part
-        out[i] = total
+            for k in range(total.size):
+                total[k] += row_a[k] * row_b[k]
+        out[i] = total.sum()
 
 
 @sized_kernel
@@ -45,21 +43,44 @@ def scale_and_add(factor, a, out):
 def slab_largest(a, out):
     """``out[i] = largest |a[i]|``."""
     for i in prange(a.shape[0]):
-        largest = 0.0
+        largest = np.zeros(a.shape[2], a.dtype)
         for j in range(a.shape[1]):
-            for k in range(a.shape[2]):
-                largest = max(largest, abs(a[i, j, k]))
-        out[i] = largest
+            row = a[i, j]
+            for k in range(largest.size):
+                size = abs(row[k])
+                largest[k] = size if size > largest[k] else largest[k]
+        out[i] = largest.max()
 
 
 @sized_kernel
-def scaled_rows(scale, a, factor, out):
-    """``out = factor scale a``."""
+def scaled_twice(scale, a, factor, out, copy):
+    """``out = copy = factor scale a``."""
     for i in prange(out.shape[0]):
         for j in range(out.shape[1]):
-            row_s, row_a, row = scale[i, j], a[i, j], out[i, j]
+            row_s, row_a, row, other = scale[i, j], a[i, j], out[i, j], copy[i, j]
             for k in range(row.size):
                 row[k] = factor * row_s[k] * row_a[k]
+                other[k] = row[k]
+
+
+@sized_kernel
+def masked_inverse(mask, a, out):
+    """``out = mask / a``, 0 where a is not positive."""
+    for i in prange(out.shape[0]):
+        for j in range(out.shape[1]):
+            row_m, row_a, row = mask[i, j], a[i, j], out[i, j]
+            for k in range(row.size):
+                row[k] = row_m[k] / row_a[k] if row_a[k] > 0.0 else 0.0
+
+
+@sized_kernel
+def unheld_nodes(free, contact, out):
+    """``out = free`` where `contact` is 0, else 0."""
+    for i in prange(out.shape[0]):
+        for j in range(out.shape[1]):
+            row_f, row_c, row = free[i, j], contact[i, j], out[i, j]
+            for k in range(row.size):
+                row[k] = row_f[k] if row_c[k] == 0 else 0.0
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> float:

@@ -11,21 +11,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.compression.springs import _lattice_kernels as lattice
 from mammosim.compression.springs import _vector_kernels as vectors
-from mammosim.compression.springs.multigrid import (
-    LatticeLevel,
-    Multigrid,
-    Workspace,
-    conjugate_gradients,
-)
+from mammosim.compression.springs.levels import LatticeLevel
+from mammosim.compression.springs.multigrid import Multigrid, Workspace, conjugate_gradients
 from mammosim.compression.springs.problem import SpringProblem, SpringState
-from mammosim.compression.springs.resolution import Displacement, coarsened, interpolated
+from mammosim.compression.springs.resolution import (
+    Displacement,
+    coarsened,
+    interpolated,
+    lengthened,
+    with_whole_rows,
+)
 
 HISTORY = np.dtype(
     [
@@ -43,8 +45,19 @@ SMALLEST_START = 20_000
 COARSE_TOLERANCE = 0.02
 """Of a lattice that only gives a start, its own units: below what its coarseness costs."""
 
+REMAINS = 1.0 / 3.0
+"""Part of the error that a V-cycle's answer leaves at most: 0.03 to 0.15 is usual, 0.3 was seen
+with coarse operators that are out of date."""
+
 REDUCTION = 0.05
-"""Part of the error that one axis keeps in a round: one step or two of conjugate gradients."""
+"""Part of the error that is kept in a round in which nodes come under a hold or leave it."""
+
+MAX_STEPS = 4
+"""Of conjugate gradients in a round, after which the force is summed anew in double precision."""
+
+FIRST_SWEEPS, ADVANCE = 3, 1.2
+"""Sweeps of a projected Jacobi iteration before the coarse operators are made, and its step: they
+find nine tenths of the nodes that are held in the end, so that the operators need be made once."""
 
 SLACK = 0.1
 """Part of the tolerance by which a held node must draw back before it is let go."""
@@ -92,21 +105,28 @@ def _solve(
     start: SpringState | None,
     watch: Callable[[np.void], None] | None,
 ) -> SpringState:
-    run = _Run(problem, tolerance, max_rounds, watch)
+    rows: list[np.void] = []
+    padded, layers = with_whole_rows(problem), problem.modulus.shape[2]
     if start is not None:
-        ux, uy, uz = (np.array(u, dtype=np.float64) for u in start.displacement)
+        missing = padded.modulus.shape[2] - layers
+        ux, uy, uz = (lengthened(np.array(u, np.float64), missing) for u in start.displacement)
         displacement = (ux, uy, uz)
     elif np.count_nonzero(problem.modulus) > SMALLEST_START:
         coarse = coarsened(problem)
         half = _solve(coarse, max(tolerance, COARSE_TOLERANCE), START_ROUNDS, None, watch)
-        run.rows.extend(half.history)
-        displacement = interpolated(half.displacement, coarse.tissue, problem)
         if half.interrupted:
+            displacement = interpolated(half.displacement, coarse.tissue, problem)
             return SpringState(displacement, False, half.error, half.history, True)
+        displacement = interpolated(half.displacement, coarse.tissue, padded)
+        rows.extend(half.history)
     else:
-        at_rest = np.zeros(problem.modulus.shape)
+        at_rest = np.zeros(padded.modulus.shape)
         displacement = (at_rest, at_rest.copy(), at_rest.copy())
-    return run.to_equilibrium(displacement)
+    state = _Run(padded, tolerance, max_rounds, watch, rows).to_equilibrium(displacement)
+    if padded is problem:
+        return state
+    ux, uy, uz = (np.ascontiguousarray(u[:, :, :layers]) for u in state.displacement)
+    return replace(state, displacement=(ux, uy, uz))
 
 
 @dataclass(eq=False)
@@ -117,51 +137,51 @@ class _Run:
     tolerance: float
     max_rounds: int
     watch: Callable[[np.void], None] | None
-    rows: list[np.void] = field(default_factory=list)
+    rows: list[np.void]
+    workspace: Workspace = field(default_factory=Workspace)
+
+    @cached_property
+    def level(self) -> LatticeLevel:
+        """The lattice of which nothing but its fixed nodes is held."""
+        return LatticeLevel.of(self.problem)
+
+    @cached_property
+    def unheld(self) -> Multigrid:
+        """Its hierarchy, made when it is first needed."""
+        return Multigrid(self.level, self.workspace)
 
     def to_equilibrium(self, displacement: Displacement) -> SpringState:
         """Bring a displacement to equilibrium, in place: along z, then x, then y."""
         ux, uy, uz = displacement
-        level = LatticeLevel.of(self.problem)
-        unheld, error = Multigrid(level, Workspace()), 0.0
-        settled, interrupted = True, False
-        load_x, load_y = (np.zeros(ux.shape, np.float32) for _ in range(2))
-        between = partial(lattice.hold_between_faces, plates=self.problem.plates)
-        before = partial(
-            lattice.hold_before_ends,
-            uz=uz,
-            plates=self.problem.plates,
-            chest=float(self.problem.chest),
-        )
-        for axis in (
-            _Axis("z", uz, self.problem.force[2], unheld, between),
-            _Axis("x", ux, load_x, unheld, before),
-            _Axis("y", uy, load_y, unheld, None),
-        ):
-            if axis.name == "x":
-                self._widen(level, uz, load_x, load_y)
+        plates, chest = self.problem.plates, float(self.problem.chest)
+        between = partial(lattice.hold_between_faces, plates=plates)
+        before = partial(lattice.hold_before_ends, uz=uz, plates=plates, chest=chest)
+        error, settled, interrupted = 0.0, True, False
+        loads: tuple[NDArray[np.float32] | None, ...] = ()
+        for name, u, hold_nodes in (("z", uz, between), ("x", ux, before), ("y", uy, None)):
+            if name == "x":
+                loads = self._loads(uz)
+            load = self.problem.force[2] if name == "z" else loads["xy".index(name)]
             try:
-                left, done = self._settle(axis, 1 if interrupted else self.max_rounds)
+                left, done = self._settle(
+                    _Axis(self, name, u, load, hold_nodes), 1 if interrupted else self.max_rounds
+                )
             except KeyboardInterrupt:  # the other axes are brought along to what was reached
                 interrupted, left, done, self.watch = True, np.inf, False, None
             error, settled = max(error, left), settled and done
         history = np.array(self.rows, HISTORY)
         return SpringState(displacement, settled, error, history, interrupted)
 
-    def _widen(
-        self,
-        level: LatticeLevel,
-        uz: NDArray[np.float64],
-        load_x: NDArray[np.float32],
-        load_y: NDArray[np.float32],
-    ) -> None:
+    def _loads(self, uz: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Loads along x and y: from cells that are squeezed along z, and from outside."""
-        stretch = np.zeros(uz.shape, np.float32)
+        load_x, load_y = (np.zeros(uz.shape, np.float32) for _ in range(2))
+        stretch = self.workspace.array("stretch", uz.shape)
         lattice.cell_stretch(self.problem.modulus, uz, stretch)
-        lattice.stretch_loads(level.springs, level.span, stretch, load_x, load_y)
+        lattice.stretch_loads(self.level.springs, self.level.span, stretch, load_x, load_y)
         for force, load in zip(self.problem.force[:2], (load_x, load_y), strict=True):
             if force is not None:
                 vectors.add_scaled(np.float32(1.0), force, load)
+        return load_x, load_y
 
     def _settle(self, axis: _Axis, max_rounds: int) -> tuple[float, bool]:
         """Bring one axis to equilibrium.
@@ -173,23 +193,27 @@ class _Run:
         settled : bool
             Whether it is within the tolerance and no node came under a hold or left it.
         """
-        nodes, error = np.count_nonzero(self.problem.modulus), np.inf
+        nodes, left = np.count_nonzero(self.problem.modulus), np.inf
         for _ in range(max_rounds):
-            changes, force = axis.hold(SLACK * self.tolerance)
+            changes, force = axis.hold()
+            if changes == 0 and left <= self.tolerance:
+                axis.keep()
+                return left, True
             correction, error = conjugate_gradients(
-                axis.multigrid, force, 0.5 * self.tolerance, REDUCTION, 3
-            )
+                axis.multigrid, force, self.tolerance / REMAINS, REDUCTION if changes else 0.0,
+                MAX_STEPS,
+            )  # fmt: skip
             vectors.add_scaled(1.0, correction, axis.u)
-            row = np.array([(len(self.rows), nodes, axis.name, error, axis.held)], HISTORY)[0]
+            left = REMAINS * error
+            row = np.array([(len(self.rows), nodes, axis.name, left, axis.held)], HISTORY)[0]
             self.rows.append(row)
             if self.watch is not None:
                 self.watch(row)
-            if changes == 0 and error <= self.tolerance:
-                axis.keep()
-                return error, True
-            if changes == 0:
+            if axis.hold_nodes is None and left <= self.tolerance:
+                return left, True
+            if changes == 0 and left > self.tolerance:
                 axis.renew()
-        return error, False
+        return left, False
 
 
 class _Axis:
@@ -197,34 +221,35 @@ class _Axis:
 
     Parameters
     ----------
+    run : _Run
     name : str
     u : ndarray of float64, [x, y, z]
         It is moved in place.
     load : ndarray of float32, optional
-    unheld : Multigrid
-        Of the lattice of which nothing is held but what is fixed.
     hold_nodes : callable, optional
         Kernel that finds the nodes an obstacle holds; None where there is none.
     """
 
     def __init__(
         self,
+        run: _Run,
         name: str,
         u: NDArray[np.float64],
         load: NDArray[np.float32] | None,
-        unheld: Multigrid,
         hold_nodes: Callable[..., int] | None,
     ) -> None:
-        self.name, self.u, self.held, self.multigrid = name, u, 0, unheld
-        self._load, self._unheld, self._hold_nodes = load, unheld, hold_nodes
-        self._base, self._stale = unheld.finest, False
+        self.name, self.u, self.held, self.hold_nodes = name, u, 0, hold_nodes
+        self._run, self._load, self._stale = run, load, False
+        self._multigrid: Multigrid | None = None
         self._contact = np.zeros(u.shape if hold_nodes else (0, 0, 0), np.int8)
 
-    def hold(self, slack: float) -> tuple[int, NDArray[np.floating]]:
-        """Find the nodes that an obstacle holds, and the force on all others.
+    @property
+    def multigrid(self) -> Multigrid:
+        """Hierarchy of the nodes that nothing holds."""
+        return self._multigrid or self._run.unheld
 
-        A few changes are left to the finest level: coarse operators that are a little out of date
-        precondition as well.
+    def hold(self) -> tuple[int, NDArray[np.floating]]:
+        """Find the nodes that an obstacle holds, and the force on all others.
 
         Returns
         -------
@@ -233,40 +258,57 @@ class _Axis:
         force : ndarray of float32
             Work space.
         """
-        base, workspace = self._base, self.multigrid.workspace
-        force = workspace.array("force", self.u.shape)
-        base.residual(self.u, self._load, force)
-        if self._hold_nodes is None:
+        force = self._force_on(self._run.level)
+        if self.hold_nodes is None:
             return 0, force
-        changes = int(self._hold_nodes(
-            u=self.u, force=force, diagonal=base.diagonal, free=base.free, slack=slack,
-            contact=self._contact,
-        ))  # fmt: skip
+        changes = self._look(force)
+        if self._multigrid is None and changes:
+            for _ in range(FIRST_SWEEPS):
+                self._look(force, ADVANCE)
+                self._force_on(self._run.level)
+            self._look(force)
+            changes = int(np.count_nonzero(self._contact))
         if changes:
             self.held = int(np.count_nonzero(self._contact))
-            finest = replace(base, free=base.free * (self._contact == 0))
-            if self.multigrid is self._unheld or changes > STALE_PART * self.held:
-                self.multigrid, self._stale = Multigrid(finest, workspace), False
-            else:
-                self.multigrid.replace_finest(finest)
-                self._stale = True
-        if self.held:
-            self.multigrid.finest.residual(self.u, self._load, force)
-        return changes, force
+            self._multigrid = self._without_held(changes)
+        return changes, self._force_on(self.multigrid.finest) if self.held else force
 
     def renew(self) -> None:
-        """Bring the coarse operators up to date with what is held, where that is needed."""
-        if self._stale:
-            self.multigrid = Multigrid(self.multigrid.finest, self.multigrid.workspace)
+        """Bring the coarse operators up to date with what is held, where they are not."""
+        if self._stale and self._multigrid is not None:
+            self._multigrid = Multigrid(self._multigrid.finest, self._run.workspace)
             self._stale = False
 
     def keep(self) -> None:
         """Put what the last correction left beyond an obstacle back on it."""
-        if self._hold_nodes is not None:
-            force = self.multigrid.workspace.array("force", self.u.shape)
-            force.fill(0.0)
-            base, nowhere = self._base, np.zeros_like(self._contact)
-            self._hold_nodes(
-                u=self.u, force=force, diagonal=base.diagonal, free=base.free, slack=0.0,
-                contact=nowhere,
-            )  # fmt: skip
+        force = self._run.workspace.array("force", self.u.shape)
+        force.fill(0.0)
+        self._look(force)
+
+    def _force_on(self, level: LatticeLevel) -> NDArray[np.floating]:
+        force = self._run.workspace.array("force", self.u.shape)
+        level.residual(self.u, self._load, force)
+        return force
+
+    def _look(self, force: NDArray[np.floating], advance: float = 0.0) -> int:
+        assert self.hold_nodes is not None
+        level = self._run.level
+        return int(self.hold_nodes(
+            u=self.u, force=force, diagonal=level.diagonal, free=level.free,
+            slack=SLACK * self._run.tolerance, contact=self._contact, advance=advance,
+        ))  # fmt: skip
+
+    def _without_held(self, changes: int) -> Multigrid:
+        """A hierarchy without the nodes that are held now.
+
+        A few changes are left to the finest level: coarse operators that are a little out of date
+        precondition as well.
+        """
+        level = self._run.level
+        free = self._run.workspace.array("free", self.u.shape)
+        vectors.unheld_nodes(level.free, self._contact, free)
+        finest = replace(level, free=free)
+        self._stale = self._multigrid is not None and changes <= STALE_PART * self.held
+        if self._multigrid is None or not self._stale:
+            return Multigrid(finest, self._run.workspace)
+        return self._multigrid.replaced(finest)

@@ -11,7 +11,7 @@ from mammosim.compression.springs._measure_kernels import (
     touching_area,
 )
 from mammosim.compression.springs.exponential import strained
-from mammosim.compression.springs.multigrid import LatticeLevel
+from mammosim.compression.springs.levels import LatticeLevel
 from mammosim.compression.springs.problem import SpringProblem, SpringState
 
 TOUCH_VOXEL = 1e-6

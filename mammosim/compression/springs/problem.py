@@ -77,12 +77,7 @@ class SpringProblem:
 
     def span(self) -> NDArray[np.int32]:
         """First and one past the last z index with tissue in each column, [x, y, 2]."""
-        tissue = self.tissue
-        span = np.zeros((*tissue.shape[:2], 2), np.int32)
-        some = tissue.any(axis=2)
-        span[..., 0] = np.where(some, tissue.argmax(axis=2), 0)
-        span[..., 1] = np.where(some, tissue.shape[2] - tissue[:, :, ::-1].argmax(axis=2), 0)
-        return span
+        return columns_span(self.tissue)
 
     def released(self) -> SpringProblem:
         """The same lattice with the plates taken away."""
@@ -111,3 +106,12 @@ class SpringState:
     error: float
     history: NDArray[np.void]
     interrupted: bool = False
+
+
+def columns_span(nodes: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """First and one past the last z index of the nodes in each column, [x, y, 2]; 0 if none."""
+    some, last = nodes.any(axis=2), nodes.shape[2]
+    span = np.zeros((*nodes.shape[:2], 2), np.int32)
+    span[..., 0] = np.where(some, nodes.argmax(axis=2), 0)
+    span[..., 1] = np.where(some, last - nodes[:, :, ::-1].argmax(axis=2), 0)
+    return span

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.compression.connectivity import held_together
 from mammosim.compression.continuation import continued
 from mammosim.compression.springs._stencil_kernels import add_interpolated, restrict
-from mammosim.compression.springs.multigrid import coarse_shape
+from mammosim.compression.springs.levels import coarse_shape, whole_rows
 from mammosim.compression.springs.problem import SpringProblem
 
 Displacement = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
@@ -60,7 +63,7 @@ def interpolated(
 ) -> Displacement:
     """Displacement of a coarse lattice brought to the lattice of `fine`, in its units."""
     field = continued(np.stack(coarse), coarse_tissue, 2)
-    free = (fine.tissue & ~fine.fixed).astype(np.float64)
+    free = (fine.tissue & ~fine.fixed).astype(np.float32)
     span = fine.span()
     result = []
     for component in field:
@@ -68,3 +71,28 @@ def interpolated(
         add_interpolated(2.0 * component, span, free, u)
         result.append(u)
     return (result[0], result[1], result[2])
+
+
+def with_whole_rows(problem: SpringProblem) -> SpringProblem:
+    """The same problem on arrays with room for whole vectors along z, which kernels like."""
+    shape = problem.modulus.shape
+    missing = whole_rows(shape)[2] - shape[2]
+    if missing == 0:
+        return problem
+    force_x, force_y, force_z = (_lengthened(force, missing) for force in problem.force)
+    return replace(
+        problem,
+        modulus=lengthened(problem.modulus, missing),
+        fixed=lengthened(problem.fixed, missing),
+        force=(force_x, force_y, force_z),
+        stiffness=_lengthened(problem.stiffness, missing),
+    )
+
+
+def lengthened(a: NDArray[Any], missing: int) -> NDArray[Any]:
+    """An array with more zeros along z."""
+    return np.pad(a, [(0, 0)] * (a.ndim - 1) + [(0, missing)])
+
+
+def _lengthened(a: NDArray[Any] | None, missing: int) -> NDArray[Any] | None:
+    return None if a is None else lengthened(a, missing)
