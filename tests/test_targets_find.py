@@ -7,7 +7,7 @@ from naive.projection import inverse_map, phantom, squeezed
 from mammosim.geometry import View
 from mammosim.phantom import Landmark, Lesion
 from mammosim.projection import project
-from mammosim.targets import Target, TargetsSettings, find, find_targets
+from mammosim.targets import Target, find_targets, origins, touching_lesions
 
 LESION = 160
 VOXEL_MM = 1.0
@@ -130,6 +130,10 @@ def test_columns_follow_their_definitions(view, laterality):
     stretches = np.sqrt(np.linalg.eigvalsh(GRADIENT.T @ GRADIENT))
     assert mass.stretch_max == pytest.approx(stretches[-1])
     assert mass.stretch_min == pytest.approx(stretches[0])
+    assert mass.stretch_middle == pytest.approx(stretches[1])
+    normal = rotation[2]
+    assert mass.shift_along_mm == pytest.approx(shift @ normal)
+    assert mass.shift_across_mm == pytest.approx(np.linalg.norm(shift - (shift @ normal) * normal))
     to_nipple = np.linalg.norm(before - breast.nipple_mm)
     assert mass.nipple_distance_mm == pytest.approx(to_nipple)
     # Half ball: depth from the sphere, less a voxel's diagonal of staircase.
@@ -174,7 +178,7 @@ def test_behind_the_detectors_edge_is_out_of_the_field():
 def test_large_lesions_are_followed_by_an_even_share_of_their_voxels(monkeypatch):
     breast = upper_outer("R")
     every, _ = targets_of(breast, "MLO")
-    monkeypatch.setattr(find, "MOST_VOXELS", 60)
+    monkeypatch.setattr(origins, "MOST_VOXELS", 60)
     some, _ = targets_of(breast, "MLO")
     assert (some[0].x_mm, some[0].y_mm, some[0].z_mm) == (
         every[0].x_mm,
@@ -205,5 +209,23 @@ def test_a_breast_without_lesions_has_its_nipple():
     assert targets[0].target_id == 1
 
 
-def test_the_section_takes_no_keys_yet():
-    assert TargetsSettings.model_fields == {}
+def two_lesions(gap):
+    """Two cubes of 3 voxels side by side along y, `gap` voxels of fat between them."""
+    labels = np.ones((12, 12, 12), np.uint8)
+    labels[4:7, 1:4, 4:7] = LESION
+    labels[4:7, 4 + gap : 7 + gap, 4:7] = LESION + 1
+    lesions = tuple(
+        Lesion(name, "mass", LESION + n, "mass", np.zeros(3), 27.0)
+        for n, name in enumerate(("a", "b"))
+    )
+    return phantom(labels, 1.0, lesions=lesions)
+
+
+def test_lesions_that_touch_are_named():
+    assert touching_lesions(two_lesions(1)) == ()
+    (note,) = touching_lesions(two_lesions(0))
+    assert note.startswith("lesions 'a' and 'b' touch")
+    breast = two_lesions(0)
+    breast.labels[breast.labels == LESION] = 1  # what has no voxels touches nothing
+    assert touching_lesions(breast) == ()
+    assert touching_lesions(phantom(np.ones((3, 3, 3), np.uint8))) == ()

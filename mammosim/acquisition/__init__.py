@@ -6,6 +6,7 @@ from mammosim.acquisition.expose import expose
 from mammosim.acquisition.mammogram import Mammogram
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.tomosynthesis import Tomosynthesis, expose_arc
+from mammosim.acquisition.visibility import Visibility, lesion_visibility
 
 __all__ = [
     "DETECTORS",
@@ -13,7 +14,9 @@ __all__ = [
     "Detector",
     "Mammogram",
     "Tomosynthesis",
+    "Visibility",
     "check_acquisition",
     "expose",
     "expose_arc",
+    "lesion_visibility",
 ]

@@ -106,7 +106,7 @@ def arrive(paths: PathLengths, settings: AcquisitionSettings) -> Arrival:
     settings : AcquisitionSettings
     """
     materials = composition(settings.composition, settings.calcification)
-    beam = _beam(settings, paths)
+    beam = beam_for(settings, paths)
     detector = find_detector(settings.detector)
     unit = response(beam, detector, paths.gantry, settings.support_mm, heel=settings.heel)
     coarse = coarse_paths(paths, materials)
@@ -118,7 +118,8 @@ def arrive(paths: PathLengths, settings: AcquisitionSettings) -> Arrival:
     return Arrival(paths, settings, beam, unit, coarse, signal, square, ratio)
 
 
-def _beam(settings: AcquisitionSettings, paths: PathLengths) -> Beam:
+def beam_for(settings: AcquisitionSettings, paths: PathLengths) -> Beam:
+    """The beam that the settings ask for, its voltage by the thickness where they leave it open."""
     kvp = settings.kvp
     if kvp is None and settings.spectrum_file is None:
         kvp = kvp_by_thickness(settings.target, paths.thickness_mm)

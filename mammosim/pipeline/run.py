@@ -11,7 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from mammosim.acquisition import Mammogram, Tomosynthesis, expose, expose_arc
+from mammosim.acquisition import (
+    Mammogram,
+    Tomosynthesis,
+    expose,
+    expose_arc,
+    lesion_visibility,
+)
 from mammosim.compression import CompressedBreast, compress
 from mammosim.errors import Interrupted, NotConverged
 from mammosim.export import label_image, lesion_masks
@@ -21,7 +27,7 @@ from mammosim.pipeline.beforehand import check_detectors, check_settings
 from mammosim.pipeline.run_config import RunConfig, ViewSettings
 from mammosim.pipeline.save import RunFolder
 from mammosim.projection import PathLengths, project, project_arc
-from mammosim.targets import Target, find_targets
+from mammosim.targets import Target, find_targets, touching_lesions
 
 Tell = Callable[[str, str, np.void | None], None]
 """Told of progress: view folder or '', stage, and a row of the solver's history or None."""
@@ -157,7 +163,8 @@ def _take_picture(
         acquisition = _given(config.section_for(wanted, "acquisition"))
         mammogram = expose(paths, seed=_seed_of(config.seed, name), **acquisition)
     with _timed(seconds, name, "targets", tell):
-        targets = tuple(find_targets(squeezed, paths))
+        visible = lesion_visibility(study.breast, paths, mammogram, **acquisition)
+        targets = tuple(find_targets(squeezed, paths, visible))
     study.views[name] = ViewResult(squeezed, paths, mammogram, targets)
     if output is not None:
         with _timed(seconds, name, "export", tell):
@@ -215,9 +222,10 @@ def _finish(
         return
     with _timed(study.stage_seconds, "", "report", tell):
         views = [(view.squeezed, view.mammogram) for view in study.views.values()]
+        notes = (*study.breast.notes, *touching_lesions(study.breast))
         series = {name: view.series for name, view in study.views.items() if view.series}
         output.write_summary(
-            views, study.targets, study.breast.notes, study.stage_seconds, status, config.report,
+            views, study.targets, notes, study.stage_seconds, status, config.report,
             series,
         )  # fmt: skip
 

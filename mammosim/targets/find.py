@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim.acquisition import Visibility
 from mammosim.compression import CompressedBreast
-from mammosim.phantom import BreastPhantom, Lesion
+from mammosim.phantom import BreastPhantom
 from mammosim.projection import PathLengths
-from mammosim.projection.channels import planes_with_labels
 from mammosim.targets.anatomy import clock_position, skin_depth_mm
+from mammosim.targets.origins import Origin, mean_shift_mm, target_origins
 from mammosim.targets.target import Target
 
-MOST_VOXELS = 20_000
-"""Voxels of one lesion that are followed: evenly taken among all where there are more."""
 
-
-@dataclass(frozen=True, eq=False)
-class _Origin:
-    """A target before compression: its points followed, (n, 3) mm in the breast frame."""
-
-    name: str
-    kind: str
-    centre_mm: NDArray[np.float64]
-    points_mm: NDArray[np.float64]
-    volume_mm3: float = 0.0
-    label: int = 0
-
-
-def find_targets(squeezed: CompressedBreast, paths: PathLengths) -> list[Target]:
+def find_targets(
+    squeezed: CompressedBreast,
+    paths: PathLengths,
+    visible: Mapping[int, Visibility] | None = None,
+) -> list[Target]:
     """Lesions, then landmarks, then the nipple, in one view.
 
     Parameters
@@ -39,6 +30,8 @@ def find_targets(squeezed: CompressedBreast, paths: PathLengths) -> list[Target]
     squeezed : CompressedBreast
     paths : PathLengths
         Its projection.
+    visible : mapping of int to Visibility, optional
+        How lesions show, by label; from `lesion_visibility`.
 
     Returns
     -------
@@ -55,65 +48,24 @@ def find_targets(squeezed: CompressedBreast, paths: PathLengths) -> list[Target]
 
     Not modelled: a stiff lesion moving as one body; what is reported is the field at its voxels.
     """
-    origins = [*_lesions(squeezed.phantom), *_points(squeezed.phantom)]
-    shifts_mm = [
-        squeezed.displacement_at(origin.points_mm).mean(axis=0, dtype=np.float64)
-        for origin in origins
-    ]
+    origins = target_origins(squeezed.phantom)
+    shifts_mm = [mean_shift_mm(squeezed.field, origin) for origin in origins]
     nipple_px = _thrown(origins[-1].centre_mm + shifts_mm[-1], paths)
+    seen = visible or {}
     return [
-        _target(number, origin, shift_mm, squeezed, paths, nipple_px)
+        _target(number, origin, shift_mm, squeezed, paths, nipple_px, seen.get(origin.label))
         for number, (origin, shift_mm) in enumerate(zip(origins, shifts_mm, strict=True), start=1)
-    ]
-
-
-def _lesions(phantom: BreastPhantom) -> list[_Origin]:
-    if not phantom.lesions:
-        return []
-    planes = planes_with_labels(phantom.labels)
-    origins = []
-    for lesion in phantom.lesions:
-        points = _voxel_centres(phantom, lesion, planes[:, lesion.label])
-        # A lesion whose voxels were overwritten by another is followed as the point it was.
-        points = points if len(points) else np.atleast_2d(lesion.position_mm)
-        some = np.linspace(0, len(points) - 1, min(len(points), MOST_VOXELS)).round().astype(int)
-        origins.append(
-            _Origin(lesion.name, lesion.kind, points.mean(axis=0), points[some],
-                    lesion.volume_mm3, lesion.label)
-        )  # fmt: skip
-    return origins
-
-
-def _voxel_centres(
-    phantom: BreastPhantom, lesion: Lesion, planes: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """(n, 3) centres in mm of a lesion's voxels; `planes` tells in which x planes they are."""
-    x = np.flatnonzero(planes)
-    if x.size == 0:
-        return np.empty((0, 3))
-    index = np.argwhere(phantom.labels[x[0] : x[-1] + 1] == lesion.label)
-    index[:, 0] += x[0]
-    return phantom.frame.position_mm(index)
-
-
-def _points(phantom: BreastPhantom) -> list[_Origin]:
-    nipple = np.asarray(phantom.nipple_mm, dtype=float)
-    return [
-        *(
-            _Origin(mark.name, "landmark", mark.position_mm, np.atleast_2d(mark.position_mm))
-            for mark in phantom.landmarks
-        ),
-        _Origin("nipple", "nipple", nipple, nipple[None]),
     ]
 
 
 def _target(
     number: int,
-    origin: _Origin,
+    origin: Origin,
     shift_mm: NDArray[np.float64],
     squeezed: CompressedBreast,
     paths: PathLengths,
     nipple_px: NDArray[np.float64],
+    seen: Visibility | None,
 ) -> Target:
     return Target(
         target_id=number,
@@ -125,10 +77,13 @@ def _target(
         **_moved(origin, shift_mm, paths),
         **_deformed(origin, squeezed),
         **_imaged(origin, shift_mm, paths, nipple_px),
+        **_along_and_across(shift_mm, squeezed),
+        contrast=seen.contrast if seen else math.nan,
+        sdnr=seen.sdnr if seen else math.nan,
     )
 
 
-def _before(origin: _Origin, phantom: BreastPhantom) -> dict[str, Any]:
+def _before(origin: Origin, phantom: BreastPhantom) -> dict[str, Any]:
     centre = origin.centre_mm
     nipple = np.asarray(phantom.nipple_mm, dtype=float)
     return {
@@ -141,7 +96,7 @@ def _before(origin: _Origin, phantom: BreastPhantom) -> dict[str, Any]:
     }
 
 
-def _moved(origin: _Origin, shift_mm: NDArray[np.float64], paths: PathLengths) -> dict[str, Any]:
+def _moved(origin: Origin, shift_mm: NDArray[np.float64], paths: PathLengths) -> dict[str, Any]:
     place = paths.gantry.gantry_from_breast(origin.centre_mm + shift_mm)
     return {
         "compressed_x_mm": float(place[0]),
@@ -154,7 +109,7 @@ def _moved(origin: _Origin, shift_mm: NDArray[np.float64], paths: PathLengths) -
     }
 
 
-def _deformed(origin: _Origin, squeezed: CompressedBreast) -> dict[str, Any]:
+def _deformed(origin: Origin, squeezed: CompressedBreast) -> dict[str, Any]:
     gradient = squeezed.field.deformation_gradient_at(origin.points_mm)
     mean = gradient.mean(axis=0, dtype=np.float64)
     stretches = np.full(3, np.nan)
@@ -163,12 +118,22 @@ def _deformed(origin: _Origin, squeezed: CompressedBreast) -> dict[str, Any]:
     return {
         "volume_ratio": float(np.linalg.det(gradient).mean(dtype=np.float64)),
         "stretch_max": float(stretches[0]),
+        "stretch_middle": float(stretches[1]),
         "stretch_min": float(stretches[-1]),
     }
 
 
+def _along_and_across(shift_mm: NDArray[np.float64], squeezed: CompressedBreast) -> dict[str, Any]:
+    """The shift along the plates' normal, towards the paddle, and its length across it."""
+    across_x, across_y, along = squeezed.view.rotation @ shift_mm
+    return {
+        "shift_along_mm": float(along),
+        "shift_across_mm": float(np.hypot(across_x, across_y)),
+    }
+
+
 def _imaged(
-    origin: _Origin,
+    origin: Origin,
     shift_mm: NDArray[np.float64],
     paths: PathLengths,
     nipple_px: NDArray[np.float64],

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -13,7 +17,9 @@ class Target:
     uncompressed centroid in the breast frame, `compressed_x_mm ...` its place in the gantry frame,
     `shift_x_mm ...` its displacement in the breast frame. `clock_position`, `nipple_distance_mm`
     and `skin_depth_mm` belong to the uncompressed breast. `image_row_px` and `image_col_px` count
-    from 0, whole numbers at pixel centres.
+    from 0, whole numbers at pixel centres. What stands from `shift_along_mm` on may be unknown
+    (NaN), as the contrast of a landmark; `ellipsoid_..._mm` are semi-axes and need
+    `targets.uncertainty`.
     """
 
     target_id: int
@@ -41,3 +47,26 @@ class Target:
     image_col_px: float
     image_nipple_distance_mm: float
     in_field: bool
+    shift_along_mm: float = math.nan
+    shift_across_mm: float = math.nan
+    stretch_middle: float = math.nan
+    contrast: float = math.nan
+    sdnr: float = math.nan
+    ellipsoid_long_mm: float = math.nan
+    ellipsoid_middle_mm: float = math.nan
+    ellipsoid_short_mm: float = math.nan
+
+    @property
+    def place_mm(self) -> NDArray[np.float64]:
+        """(3,) uncompressed place, breast frame, mm."""
+        return np.array([self.x_mm, self.y_mm, self.z_mm])
+
+    @property
+    def shift_vector_mm(self) -> NDArray[np.float64]:
+        """(3,) displacement, breast frame, mm."""
+        return np.array([self.shift_x_mm, self.shift_y_mm, self.shift_z_mm])
+
+    @property
+    def is_lesion(self) -> bool:
+        """Whether it is something that was put there to be found."""
+        return self.kind not in ("landmark", "nipple")

@@ -1,0 +1,77 @@
+"""Targets in the uncompressed breast: lesions by their voxels, landmarks and nipple as points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.compression import DisplacementField
+from mammosim.phantom import BreastPhantom
+from mammosim.targets.lesion_voxels import lesion_voxels
+
+MOST_VOXELS = 20_000
+"""Voxels of one lesion that are followed: evenly taken among all where there are more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """A target before compression.
+
+    Parameters
+    ----------
+    name, kind : str
+    centre_mm : ndarray, (3,)
+        Mean of its voxels' centres, or the point, breast frame, mm.
+    points_mm : ndarray, (n, 3)
+        Points of it that are followed, breast frame, mm.
+    volume_mm3 : float
+        0 for a point.
+    label : int
+        Of a lesion's voxels, 0 for a point.
+    """
+
+    name: str
+    kind: str
+    centre_mm: NDArray[np.float64]
+    points_mm: NDArray[np.float64]
+    volume_mm3: float = 0.0
+    label: int = 0
+
+
+def target_origins(phantom: BreastPhantom) -> list[Origin]:
+    """Lesions, then landmarks, then the nipple, before compression."""
+    return [*_lesions(phantom), *_points(phantom)]
+
+
+def mean_shift_mm(field: DisplacementField, origin: Origin) -> NDArray[np.float64]:
+    """(3,) mean displacement over a target's points, breast frame, mm."""
+    shift: NDArray[np.float64] = field.displacement_at(origin.points_mm).mean(axis=0)
+    return shift
+
+
+def _lesions(phantom: BreastPhantom) -> list[Origin]:
+    origins = []
+    voxels = lesion_voxels(phantom)
+    for lesion in phantom.lesions:
+        points = phantom.frame.position_mm(voxels[lesion.label])
+        # A lesion whose voxels were overwritten by another is followed as the point it was.
+        points = points if len(points) else np.atleast_2d(lesion.position_mm)
+        some = np.linspace(0, len(points) - 1, min(len(points), MOST_VOXELS)).round().astype(int)
+        origins.append(
+            Origin(lesion.name, lesion.kind, points.mean(axis=0), points[some],
+                    lesion.volume_mm3, lesion.label)
+        )  # fmt: skip
+    return origins
+
+
+def _points(phantom: BreastPhantom) -> list[Origin]:
+    nipple = np.asarray(phantom.nipple_mm, dtype=float)
+    return [
+        *(
+            Origin(mark.name, "landmark", mark.position_mm, np.atleast_2d(mark.position_mm))
+            for mark in phantom.landmarks
+        ),
+        Origin("nipple", "nipple", nipple, nipple[None]),
+    ]
