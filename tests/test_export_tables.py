@@ -52,6 +52,15 @@ COLUMNS = [
     "image_col_px",
     "image_nipple_distance_mm",
     "in_field",
+    # What the contract promises ends here.
+    "shift_along_mm",
+    "shift_across_mm",
+    "stretch_middle",
+    "contrast",
+    "sdnr",
+    "ellipsoid_long_mm",
+    "ellipsoid_middle_mm",
+    "ellipsoid_short_mm",
 ]
 
 
