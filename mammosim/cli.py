@@ -116,25 +116,44 @@ def run(
         typer.Option("--set", metavar="SECTION.KEY=VALUE", help="Another value for a key."),
     ] = None,
     resume: Annotated[
-        bool, typer.Option(help="Do nothing if the same run is finished there, else run again.")
+        bool,
+        typer.Option(help="Go on with what is there; do nothing if the same run is finished."),
     ] = False,
-    overwrite: Annotated[bool, typer.Option(help="Replace what is in the folder.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option(help="Replace what is in the folder; stages that still hold are kept.")
+    ] = False,
+    reuse: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="RUN", help="Folder of another run, to take stages from that fit."),
+    ] = None,
 ) -> None:
     """Run the whole pipeline."""
     with _exit_status():
-        from mammosim.pipeline import RunFolder, load_config, simulate
-        from mammosim.pipeline.save import check_output, is_finished
+        from mammosim.pipeline import (
+            RunFolder,
+            check_output,
+            is_finished,
+            load_config,
+            simulate,
+            title_of,
+            writing,
+        )  # fmt: skip
 
-        folder = output or Path("runs") / config.stem
+        title = title_of(config)
+        folder = output or Path("runs") / title
         check_output(folder, resume, overwrite)
         settings = load_config(config, change or ())
-        if resume and is_finished(folder, settings):
-            out.print(f"{folder}: this run is finished already")
-            return
-        saved = RunFolder(folder, settings, config.stem)
-        with _progress() as tell:
-            study = simulate(settings, saved, tell)
+        with writing(folder):
+            if resume and is_finished(folder, settings):
+                out.print(f"{folder}: this run is finished already")
+                return
+            saved = RunFolder(folder, settings, title, reuse or ())
+            with _progress() as tell:
+                study = simulate(settings, saved, tell)
         _print_summary(study, folder)
+        if saved.stages.reused:
+            kept = ", ".join(saved.stages.reused)
+            out.print(f"kept from before: {kept}", highlight=False)
 
 
 @contextmanager

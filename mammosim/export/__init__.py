@@ -1,6 +1,6 @@
 """The files of a run: DICOM objects, TIFF and PNG pictures, volumes and tables."""
 
-from mammosim.export.atomic import whole_file, write_json, write_text
+from mammosim.export.atomic import PART_PREFIX, whole_file, write_json, write_text
 from mammosim.export.convert import Conversion, convert_volume
 from mammosim.export.dicom import write_dicom
 from mammosim.export.identity import StudyIdentity
@@ -32,6 +32,7 @@ from mammosim.export.volumes import write_displacement, write_labels
 from mammosim.export.voxel_files import WRITERS
 
 __all__ = [
+    "PART_PREFIX",
     "WRITERS",
     "Conversion",
     "ExportSettings",

@@ -1,10 +1,11 @@
 """A whole run: the configuration's sections in order, and the calls in order."""
 
 from mammosim.pipeline.beforehand import check_before
+from mammosim.pipeline.lock import is_being_written, writing
 from mammosim.pipeline.plan import Plan, make_plan
 from mammosim.pipeline.run import Study, ViewResult, simulate
 from mammosim.pipeline.run_config import RunConfig, ViewSettings, load_config
-from mammosim.pipeline.save import RunFolder
+from mammosim.pipeline.save import RunFolder, check_output, is_finished, read_record, title_of
 
 __all__ = [
     "Plan",
@@ -14,7 +15,13 @@ __all__ = [
     "ViewResult",
     "ViewSettings",
     "check_before",
+    "check_output",
+    "is_being_written",
+    "is_finished",
     "load_config",
     "make_plan",
+    "read_record",
     "simulate",
+    "title_of",
+    "writing",
 ]

@@ -18,7 +18,7 @@ from mammosim.acquisition import (
     expose_arc,
     lesion_visibility,
 )
-from mammosim.compression import CompressedBreast, compress
+from mammosim.compression import CompressedBreast, CompressionSettings, compress
 from mammosim.errors import Interrupted, NotConverged
 from mammosim.export import label_image, lesion_masks
 from mammosim.geometry import View
@@ -100,7 +100,7 @@ def simulate(config: RunConfig, output: RunFolder | None = None, tell: Tell | No
     seconds: dict[str, float] = {}
     check_settings(config)
     with _timed(seconds, "", "phantom", tell):
-        breast = make_phantom(config.phantom, config.laterality, config.seed)
+        breast = _phantom(config, output)
     check_detectors(config, breast)
     study = Study(breast, stage_seconds=seconds)
     unfinished: list[NotConverged] = []
@@ -132,10 +132,7 @@ def _make_view(
     name = view.folder
     try:
         with _timed(seconds, name, "compression", tell):
-            squeezed = compress(
-                breast, view, seed=config.seed,
-                watch=lambda row: tell(name, "compression", row), **_given(compression),
-            )  # fmt: skip
+            squeezed = _compressed(config, compression, breast, view, output, tell)
     except NotConverged as error:
         unfinished.append(error)
         squeezed = error.reached
@@ -145,6 +142,36 @@ def _make_view(
     _keep_compression(study, squeezed, output, tell)
     take = _take_series if series else _take_picture
     take(study, config, wanted, squeezed, output, tell)
+
+
+def _phantom(config: RunConfig, output: RunFolder | None) -> BreastPhantom:
+    """The uncompressed breast, as it was kept or made now."""
+
+    def make() -> BreastPhantom:
+        return make_phantom(config.phantom, config.laterality, config.seed)
+
+    return make() if output is None else output.stages.phantom(config, make)
+
+
+def _compressed(
+    config: RunConfig,
+    settings: CompressionSettings,
+    breast: BreastPhantom,
+    view: View,
+    output: RunFolder | None,
+    tell: Tell,
+) -> CompressedBreast:
+    """The compressed breast, as it was kept or made now."""
+
+    def make() -> CompressedBreast:
+        return compress(
+            breast, view, seed=config.seed,
+            watch=lambda row: tell(view.folder, "compression", row), **_given(settings),
+        )  # fmt: skip
+
+    if output is None:
+        return make()
+    return output.stages.compression(config, settings, breast, view, make)
 
 
 def _take_picture(

@@ -188,7 +188,7 @@ def load_config(path: str | os.PathLike[str], changes: Sequence[str] = ()) -> Ru
     Parameters
     ----------
     path : path
-        A YAML file; paths in it are relative to it.
+        A YAML file, or a run's `run.json`; paths in it are relative to it.
     changes : sequence of str
         ``section.key=value`` each, in place of what the file says; paths in them are relative to
         the current folder.
@@ -202,9 +202,7 @@ def load_config(path: str | os.PathLike[str], changes: Sequence[str] = ()) -> Ru
     InputError
         With one line a mistake: file, key path, value found, what is allowed.
     """
-    values = read_yaml(path)
-    if not isinstance(values, dict):
-        raise InputError(f"{path}: expected a mapping with the section 'phantom'")
+    values = _run_settings(read_yaml(path), path)
     _make_paths_absolute(values, Path(path).resolve().parent)
     for change in changes:
         _apply(values, change)
@@ -215,6 +213,15 @@ def load_config(path: str | os.PathLike[str], changes: Sequence[str] = ()) -> Ru
         raise InputError(
             line if line.startswith(str(path)) else f"{path}: {line}" for line in error.problems
         ) from None
+
+
+def _run_settings(values: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The configuration, also where it stands in a run's record."""
+    if isinstance(values, dict) and {"run_hash", "settings"} <= values.keys():
+        values = values["settings"]
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: expected a mapping with the section 'phantom'")
+    return values
 
 
 def _make_paths_absolute(values: dict[str, Any], folder: Path) -> None:
@@ -240,6 +247,23 @@ def named_paths(values: dict[str, Any]) -> list[tuple[tuple[Any, ...], str]]:
         for where, value in found
         if isinstance(value, str) and (where[-1].endswith("file") or Path(value).suffix)
     ]
+
+
+def input_paths(config: RunConfig) -> list[tuple[tuple[Any, ...], str]]:
+    """Key paths at which a configuration names files, and the absolute paths."""
+    named = named_paths(config.plain())
+    return [(where, value) for where, value in named if Path(value).is_absolute()]
+
+
+def without_paths(config: RunConfig) -> dict[str, Any]:
+    """The configuration's values, without where its input files lie."""
+    values = config.plain()
+    for where, value in input_paths(config):
+        block = values
+        for key in where[:-1]:
+            block = block[key]
+        block[where[-1]] = Path(value).name
+    return values
 
 
 def _inside(values: Any, where: tuple[Any, ...]) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from mammosim.compression import CompressedBreast
 from mammosim.config import write_yaml
 from mammosim.errors import InputError
 from mammosim.export import (
+    PART_PREFIX,
     StudyIdentity,
     series_geometry,
     whole_file,
@@ -27,9 +29,11 @@ from mammosim.export import (
     write_text,
 )
 from mammosim.phantom.readers import open_voxels
-from mammosim.pipeline.run_config import RunConfig, named_paths
+from mammosim.pipeline.run_config import RunConfig, input_paths, without_paths
+from mammosim.pipeline.stages import KeptStages
 from mammosim.projection import PathLengths, compressed_labels
 from mammosim.report import (
+    NOT_HASHED,
     ReportedView,
     ReportSettings,
     Status,
@@ -39,6 +43,9 @@ from mammosim.report import (
     run_record,
 )
 from mammosim.targets import Target
+
+TECHNIQUE = ("target", "filter", "kvp", "mas", "hvl_mm_al", "air_kerma_mgy", "dose_mgy")
+"""Of a mammogram, in the run's record; of a series of projections, those of the middle one."""
 
 
 class RunFolder:
@@ -51,6 +58,14 @@ class RunFolder:
     config : RunConfig
     title : str
         Name of the run in the report.
+    reuse : sequence of path
+        Other runs' folders, whose stages are taken where they fit.
+
+    Attributes
+    ----------
+    path : Path
+    stages : KeptStages
+        Results of stages that need not be computed again.
 
     Raises
     ------
@@ -58,14 +73,18 @@ class RunFolder:
         If the folder cannot be made or written to.
     """
 
-    def __init__(self, path: str | os.PathLike[str], config: RunConfig, title: str = "") -> None:
-        from mammosim import __version__
-
+    def __init__(
+        self, path: str | os.PathLike[str], config: RunConfig, title: str = "",
+        reuse: Sequence[Path] = (),
+    ) -> None:  # fmt: skip
         self.path = Path(path)
         self._config = config
         self._title = title or self.path.name
-        self._hash = run_hash(_without_paths(config), config.seed, __version__, _inputs(config))
+        inputs = _Inputs.of(config)
+        self._hash = _hash_of(config, inputs)
         self._identity = StudyIdentity(self._hash, f"Simulated mammography: {self._title}")
+        self.stages = KeptStages(self.path, (*inputs.labels, *inputs.voxels), reuse)
+        _remove_earlier_run(self.path)
         with whole_file(self.path / "config.yaml") as part:
             write_yaml(config.plain(), part)
 
@@ -120,6 +139,9 @@ class RunFolder:
             warnings=warnings,
             run_hash=self._hash,
         )
+        record["title"] = self._title
+        record["stages_reused"] = self.stages.reused
+        record["views"] = {view.view.folder: _view_record(view, taken) for view, taken in views}
         if series:
             geometry = {name: series_geometry(taken) for name, taken in series.items()}
             record["tomosynthesis"] = geometry
@@ -131,29 +153,63 @@ class RunFolder:
         write_json(self.path / "run.json", record)
 
 
-def _inputs(config: RunConfig) -> list[str]:
+def _view_record(squeezed: CompressedBreast, mammogram: Mammogram | None) -> dict[str, Any]:
+    """Numbers of one view: compression, technique, dose and density."""
+    record = {
+        "view": squeezed.view.label,
+        "laterality": squeezed.view.laterality,
+        "model": squeezed.model,
+        "converged": squeezed.converged,
+        "thickness_mm": squeezed.thickness_mm,
+        "force_n": squeezed.force_n,
+    }
+    if mammogram is None:
+        return record
+    technique = {name: getattr(mammogram, name) for name in TECHNIQUE}
+    return {**record, **technique, **mammogram.measures}
+
+
+@dataclass(frozen=True)
+class _Inputs:
     """Hashes of the files that a configuration names, and of those that they consist of."""
-    named = [Path(value) for where, value in _paths(config) if where != ("phantom", "file")]
-    files = [path for path in named if path.is_file()]
-    if config.phantom.file is not None:
-        files += open_voxels(config.phantom.file).files
-    return [file_hash(path) for path in files]
+
+    labels: tuple[str, ...]
+    others: tuple[str, ...]
+    voxels: tuple[str, ...]
+
+    @classmethod
+    def of(cls, config: RunConfig) -> _Inputs:
+        named = [(where, Path(path)) for where, path in input_paths(config)]
+        files = [(where, path) for where, path in named if path.is_file()]
+        labels = [path for where, path in files if where == ("phantom", "labels")]
+        others = [path for where, path in files if where[0] != "phantom"]
+        voxels = open_voxels(config.phantom.file).files if config.phantom.file else ()
+        hashes = [tuple(file_hash(path) for path in part) for part in (labels, others, voxels)]
+        return cls(*hashes)
 
 
-def _without_paths(config: RunConfig) -> dict[str, Any]:
-    """The configuration's values, without where its input files lie."""
-    values = config.plain()
-    for where, value in _paths(config):
-        block = values
-        for key in where[:-1]:
-            block = block[key]
-        block[where[-1]] = Path(value).name
-    return values
+def _hash_of(config: RunConfig, inputs: _Inputs) -> str:
+    from mammosim import __version__
+
+    files = (*inputs.labels, *inputs.others, *inputs.voxels)
+    return run_hash(without_paths(config), config.seed, __version__, files)
 
 
-def _paths(config: RunConfig) -> list[tuple[tuple[Any, ...], str]]:
-    named = named_paths(config.plain())
-    return [(where, value) for where, value in named if Path(value).is_absolute()]
+def _remove_earlier_run(folder: Path) -> None:
+    """Remove what an earlier run left, its record first, so that no record outlives its files."""
+    record = read_record(folder)
+    hashes = record.get("files")
+    try:
+        for name in NOT_HASHED:
+            (folder / name).unlink(missing_ok=True)
+        for name, wanted in hashes.items() if isinstance(hashes, dict) else ():
+            if _is_unharmed(folder, name, wanted):
+                (folder / name).unlink()
+        for part in folder.rglob(f"{PART_PREFIX}*"):
+            if part.is_file():
+                part.unlink()
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
 
 
 def check_output(path: Path, resume: bool, overwrite: bool) -> None:
@@ -173,13 +229,38 @@ def check_output(path: Path, resume: bool, overwrite: bool) -> None:
 
 
 def is_finished(path: Path, config: RunConfig) -> bool:
-    """Whether the folder holds the finished run of this very configuration."""
+    """Whether the folder holds the finished run of this very configuration, all files unharmed."""
+    record = read_record(path)
+    if record.get("status") != "done" or record.get("settings") != config.plain():
+        return False
+    if record.get("run_hash") != _hash_of(config, _Inputs.of(config)):
+        return False
+    hashes = record.get("files")
+    return isinstance(hashes, dict) and all(
+        _is_unharmed(path, name, wanted) for name, wanted in hashes.items()
+    )
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """What a folder's `run.json` says; empty where there is none that can be read."""
     try:
         record = json.loads((path / "run.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return record if isinstance(record, dict) else {}
+
+
+def _is_unharmed(folder: Path, name: str, wanted: Any) -> bool:
+    file = folder / name
+    try:
+        return file.resolve().is_relative_to(folder.resolve()) and file_hash(file) == wanted
     except (OSError, ValueError):
         return False
-    return (
-        isinstance(record, dict)
-        and record.get("status") == "done"
-        and record.get("settings") == config.plain()
-    )
+
+
+def title_of(path: Path) -> str:
+    """What a run of this configuration is called: as before, if it is a run's record."""
+    if path.suffix == ".json":
+        title = read_record(path.parent).get("title") if path.name == "run.json" else None
+        return title if isinstance(title, str) else path.stem
+    return path.stem

@@ -1,11 +1,12 @@
 """What a run says about itself: the record in run.json and the HTML page."""
 
 from mammosim.report.page import ReportedView, render_report
-from mammosim.report.record import Status, file_hash, run_hash, run_record
+from mammosim.report.record import NOT_HASHED, Status, file_hash, run_hash, run_record
 from mammosim.report.references import REFERENCES, Reference, references_used
 from mammosim.report.settings import ReportSettings
 
 __all__ = [
+    "NOT_HASHED",
     "REFERENCES",
     "Reference",
     "ReportSettings",

@@ -1,0 +1,175 @@
+"""Stages that are kept: results in a run's folder by the hash of all that they depend on.
+
+Kept are the two stages that cost: a generated breast, and each view's compression. Projecting and
+exposing take seconds, and their results hundreds of megabytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import cache
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mammosim.compression import CompressedBreast
+from mammosim.export import whole_file, write_json
+from mammosim.geometry import View
+from mammosim.phantom import BreastPhantom
+from mammosim.pipeline.packing import pack, unpack
+from mammosim.pipeline.run_config import RunConfig, without_paths
+from mammosim.report import file_hash
+
+FOLDER = ".stages"
+"""In a run's folder; it may be deleted at any time, and costs only time then."""
+
+PHANTOM_ROOMS = ("config", "geometry", "phantom", "tissues")
+COMPRESSION_ROOMS = (*PHANTOM_ROOMS, "compression")
+PACKAGES = ("mammosim", "numpy", "numba", "scipy")
+"""Rooms whose source, and distributions whose version, decide a stage's result."""
+
+
+class KeptStages:
+    """Results of stages in one or more runs' folders.
+
+    Parameters
+    ----------
+    run : path
+        The run's folder, where results are written.
+    inputs : sequence of str
+        Hashes of the phantom's files.
+    others : iterable of path
+        Folders of other runs, whose results are read where they fit and never changed.
+
+    Attributes
+    ----------
+    reused : list of str
+        Stages that did not have to be computed, as ``LCC.compression``.
+    """
+
+    def __init__(self, run: Path, inputs: Iterable[str], others: Iterable[Path] = ()) -> None:
+        self._folders = [folder / FOLDER for folder in (run, *others)]
+        self._inputs = tuple(inputs)
+        self.reused: list[str] = []
+
+    def phantom(self, config: RunConfig, make: Callable[[], BreastPhantom]) -> BreastPhantom:
+        """The uncompressed breast; one from a file is read again, which is as fast."""
+        if config.phantom.generate is None:
+            return make()
+        key = stage_key(PHANTOM_ROOMS, _phantom_values(config), self._inputs)
+        breast: BreastPhantom = self._kept("phantom", key, make)
+        return breast
+
+    def compression(
+        self,
+        config: RunConfig,
+        settings: Any,
+        breast: BreastPhantom,
+        view: View,
+        make: Callable[[], CompressedBreast],
+    ) -> CompressedBreast:
+        """A view's compressed breast, kept if it converged."""
+        values = {
+            **_phantom_values(config),
+            "view": [view.name, view.laterality, view.mlo_angle_deg, view.tomosynthesis],
+            "compression": settings.model_dump(mode="json"),
+        }
+        key = stage_key(COMPRESSION_ROOMS, values, self._inputs)
+        # The breast has its own file, or is in the phantom's.
+        squeezed = self._kept(
+            f"{view.folder}.compression", key, make, lambda made: replace(made, phantom=None)
+        )
+        return replace(squeezed, phantom=breast)
+
+    def _kept(
+        self,
+        name: str,
+        key: str,
+        make: Callable[[], Any],
+        before_saving: Callable[[Any], Any] = lambda made: made,
+    ) -> Any:
+        for folder in self._folders:
+            found = _load(folder / f"{name}.npz", key)
+            if found is not None:
+                self.reused.append(name)
+                return found
+        made = make()
+        _save(folder=self._folders[0], name=name, key=key, record=before_saving(made))
+        return made
+
+
+def stage_key(rooms: Iterable[str], values: Any, inputs: Iterable[str]) -> str:
+    """Hash of what a stage's result depends on.
+
+    Parameters
+    ----------
+    rooms : iterable of str
+        Rooms of the package whose code makes it.
+    values : object
+        Settings as plain values.
+    inputs : iterable of str
+        Hashes of the files that it reads.
+
+    Returns
+    -------
+    str
+        SHA-256, 64 hexadecimal digits.
+    """
+    decides = {
+        "code": _code_hash(tuple(rooms)),
+        "versions": {package: version(package) for package in PACKAGES},
+        "values": values,
+        "inputs": list(inputs),
+    }
+    text = json.dumps(decides, sort_keys=True, separators=(",", ":"), default=str)
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+@cache
+def _code_hash(rooms: tuple[str, ...]) -> str:
+    """Hash of the source and tables of some rooms, so that no result outlives its code."""
+    digest = hashlib.sha256()
+    package = Path(str(files("mammosim")))
+    for place in [package / "_jit.py", *(package / room for room in rooms)]:
+        found = [place] if place.is_file() else sorted(place.rglob("*"))
+        for path in found:
+            if path.suffix in (".py", ".yaml"):
+                digest.update(path.relative_to(package).as_posix().encode() + b"\0")
+                digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _phantom_values(config: RunConfig) -> dict[str, Any]:
+    values = without_paths(config)
+    return {key: values.get(key) for key in ("phantom", "laterality", "seed")}
+
+
+def _save(folder: Path, name: str, key: str, record: Any) -> None:
+    arrays: dict[str, Any] = {}
+    packed = json.dumps(pack(record, arrays))
+    path = folder / f"{name}.npz"
+    with whole_file(path) as part:
+        np.savez_compressed(part, record=np.array(packed), **arrays)
+    write_json(folder / f"{name}.json", {"key": key, "sha256": file_hash(path)})
+
+
+def _load(path: Path, key: str) -> Any:
+    """What is kept under this key; None where nothing whole is."""
+    try:
+        note = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+        if not isinstance(note, dict) or note.get("key") != key:
+            return None
+        if note.get("sha256") != file_hash(path):
+            return None
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        return unpack(json.loads(str(arrays.pop("record"))), arrays)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, zipfile.BadZipFile):
+        return None  # damaged or of another kind: it is computed again
