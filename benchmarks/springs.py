@@ -108,13 +108,16 @@ def compare(gap: float, quick: bool) -> None:
 def sizes() -> None:
     """Seconds of multigrid against the number of nodes, and the exponent of its growth."""
     found = []
-    for scale in (0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    for scale in (0.25, 0.5, 1.0, 1.6, 2.5, 3.5):
         problem = half_ellipsoid(scale)
         state, best, median = timed_multigrid(problem, 3)
         nodes = int(problem.tissue.sum())
         found.append((nodes, best))
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
         print(f"scale {scale}: {nodes} nodes, {best:.2f} s best, {median:.2f} s median, "
-              f"converged {state.converged}")  # fmt: skip
+              f"converged {state.converged}, "
+              f"{(peak - before) / nodes:.0f} bytes a node")  # fmt: skip
     nodes, seconds = np.log(np.array(found)).T
     print(f"exponent of growth: {np.polyfit(nodes, seconds, 1)[0]:.2f}")
 

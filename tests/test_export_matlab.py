@@ -79,6 +79,11 @@ def test_a_real_compression(tmp_path, model):
     beyond = saved["x"][saved["tissue"] == 1] > squeezed.plate_edge_mm
     assert z[beyond].max() <= squeezed.paddle_z_mm + 1e-4
     assert z[beyond].min() >= squeezed.support_z_mm - 1e-4
+    if model == "springs":  # air has no stiffness, tissue has some everywhere
+        np.testing.assert_array_equal(saved["modulus_kpa"] > 0, saved["tissue"] == 1)
+        np.testing.assert_array_equal(saved["modulus_kpa"], squeezed.modulus_kpa)
+    else:
+        assert "modulus_kpa" not in saved
     tissue = {"springs": saved["label"][saved["tissue"] == 1] > 0, "none": np.array([True])}
     assert tissue[model].mean() > 0.9  # a surface node's own voxel may be air
 

@@ -255,6 +255,30 @@ def test_a_coarser_lattice_sags_as_far_under_a_given_force(problem):
     assert half[2][tip][tissue].mean() == pytest.approx(fine[2][tip][tissue].mean(), rel=0.25)
 
 
+def test_the_solution_converges_as_voxels_shrink():
+    along, aside = [], []
+    for n in (10, 20, 40):  # spacings a semi-axis of the same uniform breast
+        problem = half_ellipsoid((n + 1, 2 * n + 1, 2 * n + 1), stiff=False)
+        ux, uy, _ = solve(replace(problem, edge=1.0 + n / 5), 1e-4).displacement
+        along.append(ux[1 + n // 2, 1 + n, 1 + n] / n)
+        aside.append(uy[1 + n // 2, 1 + n + n // 2, 1 + n] / n)
+    for curve in (along, aside):
+        coarse, fine = np.abs(np.diff(curve))
+        assert fine < 0.7 * coarse  # first order, that of a surface of whole voxels, halves it
+
+
+def test_the_relaxation_tells_volume_folds_and_what_is_left(problem):
+    rows = []
+    state = relax(problem, watch=rows.append)
+    last = rows[-1]
+    seen = volume_measures(problem, state, 1.0)
+    assert last["volume_change_percent"] == pytest.approx(seen["volume_change_percent"], rel=0.01)
+    assert last["inverted_cells"] == pytest.approx(seen["inverted_cells"], abs=1)
+    middle = rows[len(rows) // 2]  # the curve is no exact exponential: half is told within a third
+    assert middle["sweeps_left"] == pytest.approx(len(rows) - middle["sweep"], rel=1 / 3)
+    assert np.isnan(rows[0]["sweeps_left"])
+
+
 def test_volume_and_inverted_cells_at_rest():
     problem = half_ellipsoid()
     state = solve(problem.released(), 1e-4)

@@ -42,6 +42,9 @@ class CompressedBreast:
         Warnings, one sentence each.
     interrupted : bool
         Whether the user stopped the solver.
+    modulus_kpa : ndarray of float32, [x, y, z], optional
+        Young's modulus at rest of each lattice node (`springs`), or of each element, the cell
+        after its node (`hyperelastic`), kPa; 0 in air. None where nothing was computed.
     """
 
     phantom: BreastPhantom
@@ -56,6 +59,7 @@ class CompressedBreast:
     history: NDArray[np.void]
     notes: tuple[str, ...] = ()
     interrupted: bool = False
+    modulus_kpa: NDArray[np.float32] | None = None
 
     @property
     def thickness_mm(self) -> float:

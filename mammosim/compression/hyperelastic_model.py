@@ -126,5 +126,5 @@ def _result(
     return CompressedBreast(
         breast, view, "hyperelastic", field, plates.support_z_mm, plates.paddle_z_mm,
         plates.edge_mm, state.converged, measures, np.array(stages.rows, HISTORY), notes,
-        state.interrupted,
+        state.interrupted, mesh.elements.modulus,
     )  # fmt: skip

@@ -127,5 +127,5 @@ def _result(
     )  # fmt: skip
     return CompressedBreast(
         breast, view, "springs", field, plates.support_z_mm, plates.paddle_z_mm, plates.edge_mm,
-        state.converged, measures, state.history, notes, state.interrupted,
+        state.converged, measures, state.history, notes, state.interrupted, lattice.modulus,
     )  # fmt: skip

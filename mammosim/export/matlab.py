@@ -48,6 +48,7 @@ def write_matlab(squeezed: CompressedBreast, path: str | PathLike[str]) -> None:
     tissue         whether a node is tissue, [x, y, z]
     label          label of the phantom's voxel at each tissue node, [x, y, z]; their names are
                    the fields of `tissue_of_label`, as ``label_29``
+    modulus_kpa    Young's modulus of each node's springs at rest, or of each element, kPa
     parameters     plates and measures, the scalars of ``compression.json``
     convergence    the solver's history, a column a field
     =============  ===================================================================
@@ -82,6 +83,8 @@ def write_matlab(squeezed: CompressedBreast, path: str | PathLike[str]) -> None:
             for name in squeezed.history.dtype.names or ()
         },
     }
+    if squeezed.modulus_kpa is not None:
+        variables["modulus_kpa"] = squeezed.modulus_kpa
     with whole_file(path) as part:
         savemat(part, variables, do_compression=True, long_field_names=True, oned_as="column")
         _without_time(part)

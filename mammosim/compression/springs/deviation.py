@@ -44,3 +44,30 @@ def remaining_deviation(sums: ArrayLike, nodes: int) -> tuple[float, float, floa
     if a <= 0.0:
         return a, b, np.nan
     return a, b, float(np.exp(-a * last + b) / (a * nodes))
+
+
+def remaining_sweeps(means: ArrayLike, limit: float) -> float:
+    """Sweeps until a curve of mean displacements falls below a limit, if it goes on as it does.
+
+    Parameters
+    ----------
+    means : array_like, (n,)
+        Mean absolute displacement of a node in each sweep.
+    limit : float
+
+    Returns
+    -------
+    float
+        0 where the curve is below already; NaN where it does not fall or has fewer than three
+        points.
+
+    Examples
+    --------
+    >>> round(remaining_sweeps(np.exp(-0.01 * np.arange(1, 301)), np.exp(-5.0)))
+    200
+    """
+    curve = np.asarray(means, dtype=np.float64)
+    if curve.size and curve[-1] <= limit:
+        return 0.0
+    a = remaining_deviation(curve, 1)[0]
+    return float(np.log(curve[-1] / limit) / a) if a > 0.0 else np.nan

@@ -13,6 +13,7 @@ from mammosim.compression.springs._measure_kernels import (
 from mammosim.compression.springs.exponential import strained
 from mammosim.compression.springs.levels import LatticeLevel
 from mammosim.compression.springs.problem import SpringProblem, SpringState
+from mammosim.compression.springs.resolution import Displacement
 
 TOUCH_VOXEL = 1e-6
 """A node this near a plate's face touches it, lattice units."""
@@ -69,9 +70,7 @@ def volume_measures(
     problem: SpringProblem, state: SpringState, spacing_mm: float
 ) -> dict[str, float]:
     """Volume and inverted cells of a state; see `spring_measures`."""
-    layers = np.zeros((problem.modulus.shape[0], 3))
-    cell_volumes(problem.modulus, *state.displacement, layers)
-    cells, volume, inverted = (float(total) for total in layers.sum(axis=0))
+    cells, volume, inverted = cell_totals(problem, state.displacement)
     ratio = volume / cells if cells else 1.0
     return {
         "volume_before_ml": cells * spacing_mm**3 * 1e-3,
@@ -81,6 +80,14 @@ def volume_measures(
         "inverted_cells": inverted,
         "cells": cells,
     }
+
+
+def cell_totals(problem: SpringProblem, displacement: Displacement) -> tuple[float, float, float]:
+    """Number of cells of eight tissue nodes, their volume in lattice units, and those inverted."""
+    layers = np.zeros((problem.modulus.shape[0], 3))
+    cell_volumes(problem.modulus, *displacement, layers)
+    cells, volume, inverted = (float(total) for total in layers.sum(axis=0))
+    return cells, volume, inverted
 
 
 def _contact(

@@ -14,8 +14,10 @@ from collections.abc import Callable
 import numpy as np
 
 from mammosim.compression.springs._relaxation_kernels import Springs, mark_nodes, sweep
-from mammosim.compression.springs.deviation import remaining_deviation
+from mammosim.compression.springs.deviation import remaining_deviation, remaining_sweeps
+from mammosim.compression.springs.measures import cell_totals
 from mammosim.compression.springs.problem import SpringProblem, SpringState
+from mammosim.compression.springs.resolution import Displacement
 from mammosim.compression.springs.series_start import series_start
 
 THESIS_LIMIT = 1e-4
@@ -28,8 +30,16 @@ HISTORY = np.dtype(
         ("sum_dy_voxel", np.float64),
         ("sum_dz_voxel", np.float64),
         ("nodes_counted", np.int64),
+        ("volume_change_percent", np.float64),
+        ("inverted_cells", np.int64),
+        ("sweeps_left", np.float64),
     ]
 )
+"""Volume, inverted cells and the sweeps expected to be left are looked at every `LOOK_EVERY` sweeps
+and stand unchanged in the rows between."""
+
+LOOK_EVERY = 10
+"""Sweeps; what is looked at costs a twentieth of a sweep."""
 
 
 def relax(
@@ -73,12 +83,16 @@ def relax(
     springs = Springs(problem.modulus, problem.growth, problem.force, visited)
     rng, sums = np.random.default_rng(seed), np.zeros(4)
     rows: list[np.void] = []
+    look: tuple[float, float, float] = (np.nan, 0, np.nan)
     converged = interrupted = False
     try:
         for number in range(1, max_sweeps + 1):
             orders = tuple(rng.permutation(np.arange(1, n - 1)) for n in problem.modulus.shape)
             sweep(springs, x, y, z, orders, plates, chest, sums)
-            row = np.array([(number, *sums[:3], int(sums[3]))], HISTORY)[0]
+            if number % LOOK_EVERY == 1:
+                moved = (x - rest[0], y - rest[1], z - rest[2])
+                look = (*_volume(problem, moved), _sweeps_left(rows, limit))
+            row = np.array([(number, *sums[:3], int(sums[3]), *look)], HISTORY)[0]
             rows.append(row)
             if watch is not None:
                 watch(row)
@@ -90,6 +104,23 @@ def relax(
     history = np.array(rows, HISTORY)
     moved = (x - rest[0], y - rest[1], z - rest[2])
     return SpringState(moved, converged, _deviation(history), history, interrupted)
+
+
+def _volume(problem: SpringProblem, displacement: Displacement) -> tuple[float, float]:
+    """Loss of volume in percent, and inverted cells."""
+    cells, volume, inverted = cell_totals(problem, displacement)
+    return 100.0 * (1.0 - volume / cells) if cells else 0.0, inverted
+
+
+def _sweeps_left(rows: list[np.void], limit: float) -> float:
+    """Sweeps until the mean displacement is below the limit along each axis."""
+    curves = np.array(rows, HISTORY)
+    return max(
+        remaining_sweeps(
+            curves[f"sum_d{axis}_voxel"] / np.maximum(curves["nodes_counted"], 1), limit
+        )
+        for axis in "xyz"
+    )
 
 
 def _deviation(history: np.ndarray) -> float:
