@@ -42,7 +42,7 @@ def test_a_run_leaves_every_file_of_the_contract(finished):
         "for_processing.dcm", "for_presentation.dcm", "mammogram.tif", "preview.png",
         "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm",
         "compressed.nii.gz", "displacement.nii.gz",
-        "convergence.csv", "compression.json",
+        "convergence.csv", "compression.json", "lattice.nii.gz", "geometry.json",
     }  # fmt: skip
     expected = {"run.json", "config.yaml", "lesions.csv", "report.html"}
     expected |= {f"{name}/{file}" for name in ("LCC", "LMLO") for file in view}

@@ -3,6 +3,7 @@
 from mammosim.export.atomic import PART_PREFIX, whole_file, write_json, write_text
 from mammosim.export.convert import Conversion, convert_volume
 from mammosim.export.dicom import write_dicom
+from mammosim.export.geometry import read_geometry, write_geometry
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask, label_image, lesion_masks
 from mammosim.export.matlab import write_matlab
@@ -28,7 +29,13 @@ from mammosim.export.tables import (
 )
 from mammosim.export.victre import write_victre
 from mammosim.export.view import write_compressed, write_images
-from mammosim.export.volumes import write_displacement, write_labels
+from mammosim.export.volumes import (
+    read_compressed_labels,
+    read_displacement,
+    write_displacement,
+    write_labels,
+    write_lattice,
+)
 from mammosim.export.voxel_files import WRITERS
 
 __all__ = [
@@ -43,6 +50,9 @@ __all__ = [
     "label_image",
     "lesion_masks",
     "load_path_lengths",
+    "read_compressed_labels",
+    "read_displacement",
+    "read_geometry",
     "series_geometry",
     "whole_file",
     "write_compressed",
@@ -51,10 +61,12 @@ __all__ = [
     "write_density_tiff",
     "write_dicom",
     "write_displacement",
+    "write_geometry",
     "write_glandular_tiff",
     "write_images",
     "write_json",
     "write_labels",
+    "write_lattice",
     "write_lesion_lengths_tiff",
     "write_lesion_tiff",
     "write_lesions",

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition import Tomosynthesis
+from mammosim.export.geometry import write_geometry
 from mammosim.export.path_lengths import write_path_lengths
 from mammosim.export.pictures import (
     write_glandular_tiff,
@@ -50,6 +51,7 @@ def write_series(
     """
     folder = Path(folder)
     pixel_mm = series.middle.gantry.pixel_mm
+    write_geometry(series.middle.gantry, folder / "geometry.json")
     if settings.tiff:
         write_stack_tiff(series.projections, pixel_mm, folder / PROJECTIONS)
         if lesion_images:

@@ -52,6 +52,7 @@ def compression_summary(squeezed: CompressedBreast) -> dict[str, Any]:
         "support_z_mm": squeezed.support_z_mm,
         "paddle_z_mm": squeezed.paddle_z_mm,
         "plate_edge_mm": squeezed.plate_edge_mm,
+        "nipple_mm": squeezed.phantom.nipple_mm,
         **squeezed.measures,
         "notes": list(squeezed.notes),
     }

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
 from mammosim.export.dicom import write_dicom
+from mammosim.export.geometry import write_geometry
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import lesion_masks
 from mammosim.export.matlab import write_matlab
@@ -29,7 +30,7 @@ from mammosim.export.segmentation import write_segmentation
 from mammosim.export.settings import ExportSettings
 from mammosim.export.tables import write_compression, write_convergence
 from mammosim.export.victre import write_victre
-from mammosim.export.volumes import write_displacement, write_labels
+from mammosim.export.volumes import write_displacement, write_labels, write_lattice
 from mammosim.geometry import VoxelFrame
 from mammosim.projection import PathLengths
 from mammosim.targets import Target
@@ -72,6 +73,7 @@ def write_compressed(
         write_matlab(squeezed, folder / "springs.mat")
     if settings.volumes:
         write_displacement(squeezed.field, folder / "displacement.nii.gz")
+        write_lattice(squeezed.field, folder / "lattice.nii.gz")
     if labels is None or labels_frame is None:
         return
     formats = [*(["nii.gz"] if settings.volumes else []), *settings.compressed_formats]
@@ -113,6 +115,7 @@ def write_images(
     view = mammogram.gantry.view
     here = [target for target in targets if target.view in (view.folder, view.label)]
     masks = lesion_masks(paths, here)
+    write_geometry(mammogram.gantry, folder / "geometry.json")
     if settings.dicom:
         write_dicom(mammogram, "processing", folder / "for_processing.dcm", study, settings)
         write_dicom(mammogram, "presentation", folder / "for_presentation.dcm", study, settings)

@@ -19,8 +19,9 @@ import SimpleITK as sitk
 from numpy.typing import NDArray
 
 from mammosim.compression import DisplacementField
+from mammosim.errors import InputError
 from mammosim.export.atomic import whole_file
-from mammosim.geometry import VoxelFrame
+from mammosim.geometry import View, VoxelFrame
 
 LPS_FROM_BREAST: NDArray[np.float64] = np.array(
     [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
@@ -87,6 +88,86 @@ def write_displacement(field: DisplacementField, path: str | PathLike[str]) -> N
     )
     _place(image, field.frame, field.rotation)
     _write(image, path, vectors.nbytes)
+
+
+def write_lattice(field: DisplacementField, path: str | PathLike[str]) -> None:
+    """Write which nodes of the uncompressed lattice are tissue (1) and which are not (0).
+
+    With the displacement it gives the whole field back (`read_displacement`).
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    write_labels(field.tissue.astype(np.uint8), field.frame, field.rotation, path)
+
+
+def read_displacement(
+    path: str | PathLike[str], lattice: str | PathLike[str], view: View
+) -> DisplacementField:
+    """Read what `write_displacement` and `write_lattice` wrote.
+
+    Parameters
+    ----------
+    path, lattice : path
+        Displacement, and which nodes are tissue.
+    view : View
+        View in which it was compressed.
+
+    Raises
+    ------
+    InputError
+        If a file is not there or cannot be read, or both do not belong together.
+    """
+    vectors, nodes = _read(path), _read(lattice)
+    to_lps = LPS_FROM_BREAST @ view.rotation.T
+    moved = sitk.GetArrayFromImage(vectors)
+    tissue = sitk.GetArrayFromImage(nodes)
+    if moved.ndim != 4 or moved.shape != (*tissue.shape, 3):
+        raise InputError(
+            f"{path}: found an array of {moved.shape} beside {lattice} of {tissue.shape}, expected "
+            "the same nodes with three components each"
+        )
+    frame = VoxelFrame(
+        to_lps.T @ np.array(vectors.GetOrigin()),
+        np.array(vectors.GetSpacing()),
+        (tissue.shape[2], tissue.shape[1], tissue.shape[0]),
+    )
+    displacement = moved.transpose(2, 1, 0, 3).astype(np.float32) @ to_lps.astype(np.float32)
+    return DisplacementField(
+        frame, np.ascontiguousarray(displacement), tissue.transpose(2, 1, 0) > 0, view.rotation
+    )
+
+
+def read_compressed_labels(
+    path: str | PathLike[str], view: View
+) -> tuple[NDArray[np.uint8], VoxelFrame]:
+    """Read labels of a compressed breast back.
+
+    Returns
+    -------
+    labels : ndarray of uint8, [x, y, z]
+        Axes of the compression frame.
+    frame : VoxelFrame
+        Where their voxels are, compression frame, mm.
+    """
+    image = _read(path)
+    labels = sitk.GetArrayFromImage(image).transpose(2, 1, 0)
+    to_lps = LPS_FROM_BREAST @ view.rotation.T
+    origin = to_lps.T @ np.array(image.GetOrigin())
+    nx, ny, nz = labels.shape
+    return labels, VoxelFrame(origin, np.array(image.GetSpacing()), (nx, ny, nz))
+
+
+def _read(path: str | PathLike[str]) -> sitk.Image:
+    if not Path(path).is_file():
+        raise InputError(f"{path}: no such file; export.volumes must have been true for this run")
+    try:
+        return sitk.ReadImage(str(path))
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise InputError(f"{path}: cannot be read ({reason})") from None
 
 
 def _place(image: sitk.Image, frame: VoxelFrame, rotation: NDArray[np.float64]) -> None:

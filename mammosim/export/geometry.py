@@ -1,0 +1,37 @@
+"""Where focal spot, support, detector and pixels of a view were: written, and read back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, fields
+from os import PathLike
+from pathlib import Path
+
+from mammosim.errors import InputError
+from mammosim.export.atomic import write_json
+from mammosim.geometry import Gantry, View
+
+
+def write_geometry(gantry: Gantry, path: str | PathLike[str]) -> None:
+    """Write a gantry as JSON; its keys are the fields of `Gantry` and, under `view`, of `View`."""
+    write_json(path, asdict(gantry))
+
+
+def read_geometry(path: str | PathLike[str]) -> Gantry:
+    """Read what `write_geometry` wrote.
+
+    Raises
+    ------
+    InputError
+        If the file is not there, or is not one of these.
+    """
+    path = Path(path)
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        view = View(**values.pop("view"))
+        return Gantry(view=view, **values)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; was this view projected?") from None
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        known = ", ".join(field.name for field in fields(Gantry))
+        raise InputError(f"{path}: expected JSON with {known} ({error})") from None
