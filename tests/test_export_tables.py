@@ -131,14 +131,16 @@ def test_a_views_folder_holds_the_promised_files_and_reruns_are_identical(tmp_pa
     assert set(files) == {
         "for_processing.dcm", "for_presentation.dcm", "mammogram.tif", "preview.png",
         "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm", "compressed.nii.gz",
-        "displacement.nii.gz", "convergence.csv", "compression.json",
+        "displacement.nii.gz", "lattice.nii.gz", "convergence.csv", "compression.json",
+        "geometry.json",
     }  # fmt: skip
     assert files == write_folder(tmp_path / "again", ExportSettings())
 
 
 def test_files_can_be_left_out_and_asked_for(tmp_path):
     off = ExportSettings(dicom=False, tiff=False, png=False, volumes=False)
-    assert set(write_folder(tmp_path / "a", off)) == {"convergence.csv", "compression.json"}
+    least = {"convergence.csv", "compression.json", "geometry.json"}
+    assert set(write_folder(tmp_path / "a", off)) == least
     truth = ("path_lengths", "glandular_thickness", "volumetric_density", "lesion_lengths")
     more = off.model_copy(update=dict.fromkeys(truth, True))
     asked = set(write_folder(tmp_path / "b", more)) - set(write_folder(tmp_path / "a", off))

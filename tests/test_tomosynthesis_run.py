@@ -44,7 +44,8 @@ def test_files_of_a_series(finished):
     found = {path.name for path in (finished / "LCC_DBT").iterdir()}
     assert found == {
         "projections.tif", "lesion_mask.tif", "preview.png", "compressed.nii.gz",
-        "displacement.nii.gz", "convergence.csv", "compression.json",
+        "displacement.nii.gz", "lattice.nii.gz", "convergence.csv", "compression.json",
+        "geometry.json",
     }  # fmt: skip
     assert (finished / "LCC" / "for_presentation.dcm").exists()
 

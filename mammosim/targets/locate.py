@@ -252,23 +252,23 @@ def _in_tissue(
     sight: Sight, height_mm: NDArray[np.float64], points: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Which points of a ray are in tissue."""
-    known = np.isfinite(points).all(axis=1)
+    known = np.asarray(np.isfinite(points).all(axis=1))
     field = sight.field
     if sight.labels is not None and sight.labels_frame is not None:
         compressed = sight.gantry.breast_from_gantry(sight.ray_mm(height_mm)) @ field.rotation.T
-        return known & _at(sight.labels > 0, sight.labels_frame, compressed)
+        return known & _at(sight.labels, sight.labels_frame, compressed)
     rotated = np.where(known[:, None], points, 0.0) @ field.rotation.T
     return known & _at(field.tissue, field.frame, rotated)
 
 
 def _at(
-    mask: NDArray[np.bool_], frame: VoxelFrame, points: NDArray[np.float64]
+    mask: NDArray[np.uint8] | NDArray[np.bool_], frame: VoxelFrame, points: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """(n,) the mask's value at points (n, 3); false outside it."""
+    """(n,) whether the mask is set at points (n, 3); false outside it."""
     index = np.rint(frame.index(points)).astype(np.intp)
-    inside: NDArray[np.bool_] = ((index >= 0) & (index < mask.shape)).all(axis=-1)
+    inside = np.asarray(((index >= 0) & (index < mask.shape)).all(axis=1))
     index[~inside] = 0
-    found: NDArray[np.bool_] = mask[index[:, 0], index[:, 1], index[:, 2]] & inside
+    found: NDArray[np.bool_] = inside & (mask[index[:, 0], index[:, 1], index[:, 2]] > 0)
     return found
 
 
