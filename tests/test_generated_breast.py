@@ -79,6 +79,34 @@ def test_mlo_shows_the_pectoral_muscle_as_a_triangle(study):
     assert grey[thick].mean() > 0.6 * grey.max()
 
 
+def test_breast_and_muscle_run_out_of_the_oblique_picture_at_its_upper_edge(study):
+    breast, views = study
+    _, paths, _ = views["MLO"]
+    tissue = from_chest_wall(paths.length_mm.sum(axis=0), breast)
+    muscle = from_chest_wall(paths.length_mm[paths.tissues.index("muscle")], breast)
+    skin = from_chest_wall(paths.length_mm[paths.tissues.index("skin")], breast)
+    if breast.laterality == "R":
+        tissue, muscle, skin = tissue[::-1], muscle[::-1], skin[::-1]
+    width = np.count_nonzero(tissue[0] > 20.0) * paths.pixel_mm
+    assert width > 25.0
+    assert np.count_nonzero(muscle[0] > 10.0) * paths.pixel_mm > 10.0
+    # No skin is seen edge on there but at the front: the middle has the two faces' at most.
+    middle = skin[0, : np.count_nonzero(tissue[0] > 20.0) // 2]
+    assert np.median(middle) < 8.0
+    assert not tissue[-1].any()
+
+
+def test_plates_hold_the_breast_at_its_own_height(study):
+    """In CC the nipple lies between the plates, not pressed to one by the tissue above it."""
+    breast, views = study
+    squeezed, _, _ = views["CC"]
+    nipple = squeezed.view.rotation @ (
+        breast.nipple_mm + squeezed.displacement_at(breast.nipple_mm)[0]
+    )
+    middle = 0.5 * (squeezed.support_z_mm + squeezed.paddle_z_mm)
+    assert abs(nipple[2] - middle) < 0.3 * squeezed.thickness_mm
+
+
 def test_cc_keeps_most_of_the_muscle_out(study):
     _, views = study
     shown = {}

@@ -7,12 +7,29 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+import mammosim
 from mammosim.errors import InputError
 from mammosim.geometry import compression_from_breast
-from mammosim.phantom import generate_phantom, phantom_summary, read_phantom
-from mammosim.phantom.anatomy import DENSITY_ALIASES, DENSITY_PERCENT, GenerateSettings, _kernels
+from mammosim.phantom import (
+    LesionSettings,
+    generate_phantom,
+    insert_lesions,
+    phantom_summary,
+    read_phantom,
+    without_open_end,
+)
+from mammosim.phantom.anatomy import (
+    DENSITY_ALIASES,
+    DENSITY_PERCENT,
+    GenerateSettings,
+    _kernels,
+    _noise_kernels,
+    _tube_kernels,
+)
+from mammosim.phantom.anatomy.axilla import draw_axilla
 from mammosim.phantom.anatomy.muscle import draw_muscle, fit_volume
-from mammosim.phantom.anatomy.shape import coarse_frame, draw_shape, level, mesh, skin_depth
+from mammosim.phantom.anatomy.outline import Outline, coarse_frame, mesh, near_depth, skin_depth
+from mammosim.phantom.anatomy.shape import draw_shape
 from mammosim.tissues import TISSUES
 from tests.naive import phantom as naive
 
@@ -21,7 +38,17 @@ LABEL = {name: tissue.label for name, tissue in TISSUES.items()}
 
 @pytest.fixture(scope="module")
 def scattered():
-    return generate_phantom("scattered", voxel_mm=0.75, seed=3)
+    return generate_phantom("scattered", voxel_mm=0.75, seed=3, volume_ml=500, skin_mm=1.45)
+
+
+def from_open_end(breast):
+    """Distance of every column of voxels along x from the open end, into the breast, mm."""
+    axes = [
+        breast.origin_mm[n] + breast.voxel_mm[n] * np.arange(breast.labels.shape[n]) for n in (1, 2)
+    ]
+    y, z = np.ix_(*axes)
+    end = breast.open_end
+    return end.point_mm @ end.normal - y * end.normal[1] - z * end.normal[2]
 
 
 @pytest.mark.parametrize("density", DENSITY_PERCENT)
@@ -66,14 +93,25 @@ def test_skin_covers_the_breast_at_its_thickness():
     tissue = breast.labels != 0
     shown = np.concatenate([np.repeat(tissue[:1], 8, axis=0), tissue])  # no skin at the chest wall
     depth = ndimage.distance_transform_edt(shown, sampling=0.5)[8:]
-    own = ~np.isin(breast.labels, [LABEL["nipple"], LABEL["duct"]])
-    areola = np.zeros(tissue.shape, bool)
-    areola[-60:, :, :] = True
+    # The areola's skin is thicker, and there is none where the body goes on.
+    own = ~np.isin(breast.labels, [LABEL["nipple"], LABEL["duct"]]) & (from_open_end(breast) > 5.0)
+    own[-60:] = False
     # Voxel centres lie between half a voxel and one and a half behind the nearest air voxel's.
-    outer = tissue & own & ~areola & (depth < 1.5)
-    inner = tissue & own & ~areola & (depth > 3.0)
+    outer, inner = tissue & own & (depth < 1.5), tissue & own & (depth > 3.0)
     assert (breast.labels[outer] == LABEL["skin"]).mean() > 0.999
     assert not (breast.labels[inner] == LABEL["skin"]).any()
+
+
+def test_the_areola_has_thicker_skin(scattered):
+    """Along x, beside the nipple, against the same place without the extra half millimetre."""
+    labels = scattered.labels
+    nipple = np.rint(scattered.frame.index(scattered.nipple_mm)).astype(int)
+    y, z = nipple[1:]
+    ring = [labels[:, y + a, z + b] for a in range(-12, 13) for b in range(-12, 13)
+            if 8.5 <= 0.75 * np.hypot(a, b) <= 9.0]  # fmt: skip
+    thickness = np.mean([(line == LABEL["skin"]).sum() * 0.75 for line in ring])
+    # The surface is inclined to x by up to 30 degrees there, which makes lines in it longer.
+    assert 1.45 + 0.3 < thickness < (1.45 + 0.5) / np.cos(np.deg2rad(35.0))
 
 
 def test_gland_lies_under_fat_and_before_the_muscle(scattered):
@@ -106,19 +144,28 @@ def test_the_muscle_is_a_triangle_in_the_oblique_view(scattered):
 
 
 def test_tissue_covers_the_muscle(scattered):
-    muscle = scattered.labels == LABEL["muscle"]
+    muscle = (scattered.labels == LABEL["muscle"]) & (from_open_end(scattered) > 10.0)
     near_air = ndimage.distance_transform_edt(scattered.labels != 0, sampling=0.75)
-    # Seven millimetres of cover, less the diagonal of a voxel.
-    assert near_air[muscle].min() > 7.0 - 1.3
+    # Seven millimetres of cover, less the diagonal of a voxel and half of one for the dither.
+    assert near_air[muscle].min() > 7.0 - 1.3 - 0.4
 
 
-def test_the_nipple_stands_out(scattered):
-    nipple = scattered.frame.position_mm(np.argwhere(scattered.labels == LABEL["nipple"]))
+def test_the_muscle_holds_some_fat(scattered):
+    muscle = ndimage.binary_closing(scattered.labels == LABEL["muscle"], iterations=4)
+    fat = (scattered.labels == LABEL["adipose"]) & ndimage.binary_erosion(muscle, iterations=3)
+    assert 0.02 < fat.sum() / muscle.sum() < 0.2
+
+
+def test_the_nipple_stands_out():
+    settings = {"volume_ml": 500.0, "nipple_diameter_mm": 10.0}
+    low, high = (
+        generate_phantom("b", 0.75, 3, nipple_height_mm=height, **settings) for height in (5, 9)
+    )
+    nipple = low.frame.position_mm(np.argwhere(low.labels == LABEL["nipple"]))
     assert np.ptp(nipple[:, 1]) == pytest.approx(10.0, abs=1.5)
     np.testing.assert_allclose(nipple[:, 1:].mean(axis=0), 0.0, atol=0.75)
-    np.testing.assert_allclose(scattered.nipple_mm[1:], 0.0, atol=0.75)
-    higher = generate_phantom("scattered", 0.75, 3, nipple_height_mm=10.0)
-    assert higher.nipple_mm[0] - scattered.nipple_mm[0] == pytest.approx(3.0, abs=0.8)
+    np.testing.assert_allclose(low.nipple_mm[1:], 0.0, atol=0.75)
+    assert high.nipple_mm[0] - low.nipple_mm[0] == pytest.approx(4.0, abs=0.8)
 
 
 def test_ducts_lead_from_the_nipple_to_lobular_units(scattered):
@@ -166,18 +213,54 @@ def test_threads_do_not_change_a_voxel_and_seeds_do():
 
 
 def test_the_anatomy_does_not_depend_on_the_voxel():
-    coarse, fine = (generate_phantom("c", voxel, 6) for voxel in (3.0, 1.0))
+    coarse, fine = (generate_phantom("c", voxel, 6, volume_ml=500) for voxel in (3.0, 1.0))
     index = np.argwhere(np.ones(coarse.labels.shape))
     at = fine.frame.index(coarse.frame.position_mm(index))
     inside = ((at > -0.5) & (at < np.array(fine.labels.shape) - 0.5)).all(axis=1)
     np.testing.assert_allclose(at, np.rint(at), atol=1e-9)  # centres coincide at 3 to 1
     here = coarse.labels[tuple(index[inside].T)]
-    there = fine.labels[tuple(np.rint(at[inside]).astype(int).T)]
+    place = tuple(np.rint(at[inside]).astype(int).T)
+    there = fine.labels[place]
+    # Surfaces are dithered by up to half a voxel, here 1.5 mm, about skin of up to 2.5 mm.
+    air = fine.labels == 0
+    depth = ndimage.distance_transform_edt(~air) - ndimage.distance_transform_edt(air)
+    clear = (depth[place] < -3.0) | (depth[place] > 6.0)
     for name in ("air", "skin", "muscle"):
-        np.testing.assert_array_equal(here == LABEL[name], there == LABEL[name])
+        np.testing.assert_array_equal(here[clear] == LABEL[name], there[clear] == LABEL[name])
     # Thin tubes take more room in coarse voxels, which leaves less to be gland: the threshold is
     # higher, and what is gland above it is gland above the lower one.
-    np.testing.assert_array_equal(there[here == LABEL["gland"]], LABEL["gland"])
+    np.testing.assert_array_equal(there[clear & (here == LABEL["gland"])], LABEL["gland"])
+    # The dither keeps volumes: 300 mL and more of tissue are some 12 000 coarse voxels.
+    voxels = [np.count_nonzero(breast.labels) * breast.voxel_mm.prod() for breast in (coarse, fine)]
+    assert voxels[0] == pytest.approx(voxels[1], rel=0.01)
+
+
+def test_a_dithered_surface_is_where_it_should_be_on_average():
+    """Slabs whose face lies anywhere between two layers, and skin that keeps its thickness."""
+    for face in np.linspace(10.0, 11.0, 9):
+        layers = np.zeros((12, 12), int)
+        skin = np.zeros((12, 12), int)
+        for i, j, k in np.ndindex(12, 12, 20):
+            depth = k - face  # in voxels, the slab goes on upwards
+            corner = np.arange(8) % 2 * 2.0  # its gradient points along the last axis
+            shifted = depth + _kernels.dither(i, j, k, corner)
+            layers[i, j] += shifted > 0.0
+            skin[i, j] += 0.0 < shifted < 3.0
+        # 144 random shifts would have a standard error of 0.042; these have 0.02.
+        assert layers.mean() == pytest.approx(19.5 - face, abs=0.03)
+        assert np.ptp(layers) <= 1
+        np.testing.assert_array_equal(skin, 3)
+
+
+def test_the_dither_is_half_a_voxel_at_most_along_its_axis():
+    rng = np.random.default_rng(3)
+    for corner in rng.standard_normal((200, 8)):
+        slope = [corner[4:].sum() - corner[:4].sum(),
+                 corner[[2, 3, 6, 7]].sum() - corner[[0, 1, 4, 5]].sum(),
+                 corner[1::2].sum() - corner[::2].sum()]  # fmt: skip
+        bound = 0.5 * np.abs(slope).max() / np.linalg.norm(slope)
+        shift = _kernels.dither(*rng.integers(0, 1000, 3), corner)
+        assert abs(shift) <= bound + 1e-12
 
 
 def test_projected_texture_has_the_power_law_of_mammograms():
@@ -200,10 +283,57 @@ def test_projected_texture_has_the_power_law_of_mammograms():
     assert all(1.5 < exponent < 3.8 for exponent in exponents)
 
 
+def test_the_open_end_has_no_skin_and_other_views_leave_it_off(scattered):
+    within = from_open_end(scattered)
+    last = (within > 0.0) & (within < 0.75)
+    column = scattered.labels[:, last]
+    # Skin is the border of the cut only, not its face.
+    assert 0.02 < (column == LABEL["skin"]).sum() / (column != 0).sum() < 0.25
+    assert not scattered.labels[:, within < 0.0].any()
+    held = without_open_end(scattered)
+    assert held.open_end is None
+    end = scattered.open_end
+    index = np.argwhere(held.labels != 0)
+    assert ((held.frame.position_mm(index) - end.off_point_mm) @ end.off_normal <= 1e-9).all()
+    # What remains is what it was, where it was.
+    at = np.rint(scattered.frame.index(held.frame.position_mm(index[::97]))).astype(int)
+    np.testing.assert_array_equal(
+        scattered.labels[tuple(at.T)], held.labels[tuple(index[::97].T)]
+    )  # fmt: skip
+    off = phantom_summary(scattered).breast_ml - phantom_summary(held).breast_ml
+    assert 5.0 < off < 60.0
+    assert without_open_end(held) is held
+
+
+def test_a_lesion_in_the_axilla_is_refused_in_other_views(scattered):
+    end = scattered.open_end
+    place = end.point_mm - 12.0 * end.normal + [20.0, 0.0, 0.0]
+    entry = LesionSettings(name="node", kind="mass", diameter_mm=4.0, position_mm=tuple(place))
+    made = insert_lesions(scattered, [entry], np.random.default_rng(1))
+    with pytest.raises(InputError, match=r"lesion 'node' at .* lies in the way to the axilla"):
+        mammosim.compress(made, view="CC", resolution_mm=4.0)
+
+
 def test_volumes_drawn_by_the_seed_vary():
-    volumes = [phantom_summary(generate_phantom("b", 4.0, seed)).breast_ml for seed in range(5)]
-    assert 330 < min(volumes) < max(volumes) < 950
-    assert np.ptp(volumes) > 60
+    volumes = [phantom_summary(generate_phantom("b", 4.0, seed)).breast_ml for seed in range(6)]
+    assert 100.0 < min(volumes) < max(volumes) < 1900.0
+    # Drawn with a spread of a factor of 1.6 about 620.
+    assert max(volumes) > 1.5 * min(volumes)
+
+
+def test_no_two_breasts_have_the_same_shape():
+    """Of one volume: the box around each pair differs somewhere, most by two coarse voxels."""
+    outlines = []
+    for seed in range(8):
+        breast = generate_phantom("b", 4.0, seed, volume_ml=600.0)
+        index = np.argwhere(breast.labels != 0)
+        low = breast.frame.position_mm(index.min(axis=0))
+        high = breast.frame.position_mm(index.max(axis=0))
+        outlines.append([*low[1:], *high])
+    outlines = np.array(outlines)
+    apart = np.abs(outlines[:, None] - outlines).max(axis=2)[np.triu_indices(8, 1)]
+    assert apart.min() >= 4.0
+    assert np.median(apart) >= 8.0
 
 
 @pytest.mark.parametrize(
@@ -220,45 +350,47 @@ def test_mistakes_are_named(keys, message):
         generate_phantom(**keys)
 
 
-@pytest.mark.parametrize("volume", [150.0, 1800.0])
+@pytest.mark.parametrize("volume", [100.0, 1900.0])
 def test_extremes_stay_within_the_coarse_grid(volume):
     breast = generate_phantom("d", 4.0, 5, volume_ml=volume, nipple_height_mm=12.0)
     assert phantom_summary(breast).breast_ml == pytest.approx(volume, rel=0.1)
 
 
 def test_skin_depth_is_a_distance():
-    shape = draw_shape(np.random.default_rng(1))
-    frame = coarse_frame(shape)
-    depth = skin_depth(shape, frame)
+    rng = np.random.default_rng(1)
+    shape = draw_shape(600.0, rng)
+    outline = Outline(shape, draw_axilla(shape, rng))
+    frame = coarse_frame(outline)
+    depth = skin_depth(outline, frame)
     gradient = np.gradient(depth, 2.0)
     slope = np.sqrt(sum(part**2 for part in gradient))
     near = (depth > -2.0) & (depth < 2.0) & (mesh(frame)[0] > 2.0)
     # First order: within 3 % of unit slope near the skin on average, where skin is drawn.
     assert slope[near].mean() == pytest.approx(1.0, abs=0.03)
-    assert ((depth > 0) == (level(shape, mesh(frame)) > 0)).all()
+    assert ((depth > 0) == (near_depth(outline, frame) > 0)).all()
 
 
 def test_fit_volume_scales_shape_not_its_proportions():
     rng = np.random.default_rng(2)
-    shape, muscle = draw_shape(rng), draw_muscle(rng)
-    fitted = fit_volume(shape, muscle, 400.0)
+    shape, muscle = draw_shape(400.0, rng), draw_muscle(rng)
+    fitted = fit_volume(Outline(shape, draw_axilla(shape, rng)), muscle, 400.0).shape
     assert fitted.depth_mm / fitted.radius_mm == pytest.approx(shape.depth_mm / shape.radius_mm)
-    assert fitted.tail == shape.tail
+    assert fitted.fullness == shape.fullness
 
 
 def test_noise_agrees_with_its_twin():
     points = np.random.default_rng(1).uniform(-40.0, 40.0, (50, 3))
     for point in points:
-        assert _kernels.gradient_noise(*point, 77) == pytest.approx(
+        assert _noise_kernels.gradient_noise(*point, 77) == pytest.approx(
             naive.gradient_noise(point, 77), abs=1e-10
         )
 
 
 def test_noise_is_zero_at_lattice_points_and_of_unit_variance():
     for point in np.random.default_rng(2).integers(-30, 30, (20, 3)).astype(float):
-        assert _kernels.gradient_noise(*point, 3) == 0.0
+        assert _noise_kernels.gradient_noise(*point, 3) == 0.0
     points = np.random.default_rng(3).uniform(-200.0, 200.0, (4000, 3))
-    values = np.array([_kernels.gradient_noise(*point, 3) for point in points])
+    values = np.array([_noise_kernels.gradient_noise(*point, 3) for point in points])
     # 4000 nearly independent values: the mean is known to 0.016, the variance to 3 % or so.
     assert abs(values.mean()) < 0.06
     assert values.var() == pytest.approx(1.0, abs=0.12)
@@ -268,13 +400,10 @@ def test_lobules_agree_with_their_twin():
     rng = np.random.default_rng(4)
     seeds = np.empty((5, 5, 5, 4), np.float32)
     seeds[..., :3], seeds[..., 3] = rng.uniform(0.12, 0.88, (5, 5, 5, 3)), rng.random((5, 5, 5))
-    texture = _kernels.Texture(
-        np.zeros((2, 2, 2, 7), np.float32), seeds, np.array([1.0, 2.0, 3.0]), 10.0, np.zeros(3),
-        np.zeros(1), np.ones(1), np.zeros(1), np.ones(1), 1.0, 0,
-    )  # fmt: skip
+    origin = np.array([1.0, 2.0, 3.0])
     points = (np.stack(np.indices((5, 5, 5)), axis=-1) + seeds[..., :3]).reshape(-1, 3)
     for place in rng.uniform(1.5, 3.5, (60, 3)):
-        found = _kernels._lobules(texture, *(place * 10.0 + [1.0, 2.0, 3.0]))
+        found = _noise_kernels.lobules(seeds, origin, 10.0, *(place * 10.0 + origin))
         pull, wall = naive.lobules(points.astype(float), seeds[..., 3].ravel(), place)
         assert found[0] == pytest.approx(pull, abs=1e-6)
         # The second nearest is sought in the 27 cells around, which holds nearly always.
@@ -287,7 +416,7 @@ def test_tubes_agree_with_their_twin():
     ends = np.array([[[0.7, 1.0, 1.2], [4.0, 4.4, 3.1]], [[2.0, 4.5, 1.0], [2.0, 4.5, 1.0]]])
     radius, label = np.array([[0.1, 0.9], [0.8, 0.8]]), np.array([125, 95], np.uint8)
     labels = np.zeros((12, 12, 12), np.uint8)
-    _kernels.paint_tubes(labels, lattice, ends, radius, label)
+    _tube_kernels.paint_tubes(labels, lattice, ends, radius, label)
     for index in np.ndindex(labels.shape):
         point, wanted = np.array(index) * 0.5, 0
         for piece in range(2):
@@ -300,8 +429,8 @@ def test_tubes_agree_with_their_twin():
 
 def test_the_nipple_is_a_cylinder_with_a_dome():
     nipple = np.array([50.0, 7.0, 5.0])
-    assert _kernels._nipple_distance(52.0, 0.0, 0.0, nipple) < 0.0
-    assert _kernels._nipple_distance(57.0, 0.0, 0.0, nipple) == pytest.approx(0.0, abs=1e-12)
-    assert _kernels._nipple_distance(50.0, 5.0, 0.0, nipple) == pytest.approx(0.0, abs=1e-12)
-    assert _kernels._nipple_distance(50.0, 8.0, 0.0, nipple) == pytest.approx(3.0)
-    assert _kernels._nipple_distance(56.9, 4.0, 0.0, nipple) > 0.0
+    assert _kernels.nipple_distance(52.0, 0.0, 0.0, nipple) < 0.0
+    assert _kernels.nipple_distance(57.0, 0.0, 0.0, nipple) == pytest.approx(0.0, abs=1e-12)
+    assert _kernels.nipple_distance(50.0, 5.0, 0.0, nipple) == pytest.approx(0.0, abs=1e-12)
+    assert _kernels.nipple_distance(50.0, 8.0, 0.0, nipple) == pytest.approx(3.0)
+    assert _kernels.nipple_distance(56.9, 4.0, 0.0, nipple) > 0.0

@@ -15,7 +15,7 @@ from mammosim.compression.uncompressed import leave_uncompressed
 from mammosim.config import to_settings
 from mammosim.errors import Interrupted, NotConverged
 from mammosim.geometry import View
-from mammosim.phantom import BreastPhantom
+from mammosim.phantom import BreastPhantom, leaves_picture, without_open_end
 
 MODELS: dict[str, Callable[..., CompressedBreast]] = {
     "springs": compress_springs,
@@ -53,7 +53,8 @@ def compress(
     Raises
     ------
     InputError
-        If a setting is wrong or does not fit the breast.
+        If a setting is wrong or does not fit the breast, or a lesion lies where this view does
+        not hold the breast.
     NotConverged
         If the solver stopped before its tolerance; it carries what was reached.
     Interrupted
@@ -62,6 +63,8 @@ def compress(
     checked = to_settings(CompressionSettings, settings, "compress()", ("compression",))
     if isinstance(view, str):
         view = View(view, breast.laterality, checked.mlo_angle_deg)
+    if not leaves_picture(breast, view.rotation[1]):
+        breast = without_open_end(breast)
     squeezed = MODELS[checked.model](breast, view, checked, seed, watch)
     if squeezed.interrupted:
         raise Interrupted(f"{view.folder}: compression was interrupted", squeezed)

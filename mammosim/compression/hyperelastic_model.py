@@ -76,7 +76,14 @@ def compress_hyperelastic(
     )
     edge = plate_edge_mm(settings, reach, fixed)
     volume = breast_volume_ml(breast)
-    plates, notes = place_plates(settings, mesh.elements, edge, view.name, volume)
+    plates, notes = place_plates(
+        settings,
+        mesh.elements,
+        edge,
+        view.name,
+        volume,
+        open_ended=breast.open_end is not None,
+    )
     stages = Stages(mesh, settings.force_tolerance, watch)
 
     def with_force(plates: Plates, start: _Reached | None) -> tuple[_Reached, float]:

@@ -67,9 +67,26 @@ def plate_edge_mm(settings: CompressionSettings, reach: Reach, muscle_fixed: boo
 
 
 def place_plates(
-    settings: CompressionSettings, lattice: Lattice, edge_mm: float, view: str, volume_ml: float
+    settings: CompressionSettings,
+    lattice: Lattice,
+    edge_mm: float,
+    view: str,
+    volume_ml: float,
+    open_ended: bool = False,
 ) -> tuple[Plates, tuple[str, ...]]:
     """Final place of the plates and what was assumed.
+
+    Parameters
+    ----------
+    settings : CompressionSettings
+    lattice : Lattice
+    edge_mm : float
+        Breast-frame x of the plates' edge, mm.
+    view : str
+    volume_ml : float
+    open_ended : bool
+        Whether the phantom has a way to the axilla, which stands higher than the breast: the
+        plates then meet at the breast's own height, not at the middle of all tissue.
 
     Raises
     ------
@@ -101,7 +118,7 @@ def place_plates(
             f"compression.thickness_mm: found {thickness:g}, but the breast between the plates is "
             f"only {height:.1f} mm high in {view}; must be smaller"
         )
-    middle = 0.5 * (bottom + top)
+    middle = forward_height_mm(lattice, edge_mm) if open_ended else 0.5 * (bottom + top)
     return Plates(middle - 0.5 * thickness, middle + 0.5 * thickness, edge_mm), notes
 
 
@@ -112,6 +129,20 @@ def beyond_edge_height_mm(lattice: Lattice, edge_mm: float) -> float:
     between = lattice.tissue[layers[x > edge_mm][0] :]
     levels = np.flatnonzero(between.any(axis=(0, 1)))
     return float((levels[-1] - levels[0] + 1) * lattice.frame.spacing_mm[2])
+
+
+def forward_height_mm(lattice: Lattice, edge_mm: float) -> float:
+    """Mean height of the tissue in the front half of what lies between the plates, mm.
+
+    What reaches forward is the breast; the tissue at the chest wall may stand higher. Where tissue
+    is symmetric about a height, this is it.
+    """
+    layers = _layers(lattice)
+    x = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * layers
+    front = lattice.tissue[layers[x >= 0.5 * (edge_mm + x[-1])]]
+    weight = front.sum(axis=(0, 1))
+    z = lattice.frame.origin_mm[2] + lattice.frame.spacing_mm[2] * np.arange(weight.size)
+    return float((weight * z).sum() / weight.sum())
 
 
 def _layers(lattice: Lattice) -> NDArray[np.intp]:

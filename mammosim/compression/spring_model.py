@@ -90,7 +90,14 @@ def compress_springs(
     case = make_case(breast, view, settings, reach, muscle_fixed)
     edge = plate_edge_mm(settings, reach, muscle_fixed)
     volume = breast_volume_ml(breast)
-    plates, notes = place_plates(settings, case.lattice, edge, view.name, volume)
+    plates, notes = place_plates(
+        settings,
+        case.lattice,
+        edge,
+        view.name,
+        volume,
+        open_ended=breast.open_end is not None,
+    )
 
     def equilibrium(plates: Plates, start: SpringState | None = None) -> SpringState:
         solver = SPRING_SOLVERS[settings.solver]

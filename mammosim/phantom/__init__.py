@@ -1,9 +1,10 @@
 """The uncompressed breast: readers, generator, lesions, checks."""
 
 from mammosim.phantom.anatomy import GenerateSettings, generate_phantom
-from mammosim.phantom.breast import BreastPhantom, Landmark, Lesion
+from mammosim.phantom.breast import BreastPhantom, Landmark, Lesion, OpenEnd
 from mammosim.phantom.lesions import insert_lesions
 from mammosim.phantom.make import make_phantom
+from mammosim.phantom.open_end import leaves_picture, without_open_end
 from mammosim.phantom.read import read_phantom
 from mammosim.phantom.settings import LandmarkSettings, LesionSettings, PhantomSettings
 from mammosim.phantom.summary import PhantomSummary, phantom_summary
@@ -15,11 +16,14 @@ __all__ = [
     "LandmarkSettings",
     "Lesion",
     "LesionSettings",
+    "OpenEnd",
     "PhantomSettings",
     "PhantomSummary",
     "generate_phantom",
     "insert_lesions",
+    "leaves_picture",
     "make_phantom",
     "phantom_summary",
     "read_phantom",
+    "without_open_end",
 ]

@@ -57,6 +57,27 @@ class Landmark:
 
 
 @dataclass(frozen=True, eq=False)
+class OpenEnd:
+    """A plane where the phantom ends and the body goes on, as towards the axilla.
+
+    Parameters
+    ----------
+    point_mm : ndarray, (3,)
+        A point of the plane, breast frame, mm.
+    normal : ndarray, (3,)
+        Unit vector out of the phantom, breast frame.
+    off_point_mm, off_normal : ndarray, (3,)
+        A second plane, beyond which tissue stays off the plates in views that do not look along
+        the end.
+    """
+
+    point_mm: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    off_point_mm: NDArray[np.float64]
+    off_normal: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
 class BreastPhantom:
     """A labelled voxel breast, uncompressed.
 
@@ -76,6 +97,8 @@ class BreastPhantom:
         Tip of the nipple, or most anterior tissue voxel, breast frame, mm.
     lesions : tuple of Lesion
     landmarks : tuple of Landmark
+    open_end : OpenEnd or None
+        Where the body goes on though its voxels end; None where skin closes it or it is not known.
     source : str
         Where it came from: file name or generator.
     orientation : str
@@ -92,6 +115,7 @@ class BreastPhantom:
     nipple_mm: NDArray[np.float64]
     lesions: tuple[Lesion, ...] = ()
     landmarks: tuple[Landmark, ...] = ()
+    open_end: OpenEnd | None = None
     source: str = ""
     orientation: str = ""
     notes: tuple[str, ...] = field(default=())

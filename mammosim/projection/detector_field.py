@@ -11,6 +11,7 @@ import numpy as np
 from mammosim.compression import CompressedBreast
 from mammosim.errors import InputError
 from mammosim.geometry import Gantry
+from mammosim.projection.open_end import open_end_mm
 from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
 from mammosim.projection.voxel_map import VoxelMap
 
@@ -50,7 +51,8 @@ def place_detector(
     """Choose format and place of the detector so that it holds the breast's shadow.
 
     The rows are centred on the focal spot; where the shadow does not fit centred, the field is
-    shifted along the chest wall by whole pixels, no more than needed.
+    shifted along the chest wall by whole pixels, no more than needed. Where the phantom ends but
+    the body goes on, as to the axilla in an oblique view, the field ends too.
 
     Parameters
     ----------
@@ -98,9 +100,14 @@ def place_detector(
     shadow = _shadow(corners, gantry, angles)
     if arc and not fitting_format(shadow, settings):
         shadow = _shadow(corners, gantry, (0.0,))
+    end = open_end_mm(squeezed, gantry)
+    if end is not None:
+        shadow = _up_to(shadow, *end)
     height, width = fitting_format(shadow, settings) or refuse_format(shadow, settings)
     rows, columns = pixels_of(height, settings.pixel_mm), pixels_of(width, settings.pixel_mm)
     y_min = _lower_edge(shadow, spot_y, rows, settings.pixel_mm)
+    if end is not None:
+        y_min = _edge_at(*end, spot_y, rows, settings.pixel_mm)
     return replace(gantry, rows=rows, columns=columns, y_min_mm=y_min)
 
 
@@ -186,3 +193,17 @@ def _lower_edge(shadow: Shadow, centre_mm: float, rows: int, pixel_mm: float) ->
     y_min -= max(0, math.ceil((y_min - shadow.y_min_mm) / pixel_mm)) * pixel_mm
     top = y_min + rows * pixel_mm
     return y_min + max(0, math.ceil((shadow.y_max_mm - top) / pixel_mm)) * pixel_mm
+
+
+def _up_to(shadow: Shadow, end_mm: float, side: float) -> Shadow:
+    """What is left of a shadow that is cut off at y on one side."""
+    if side > 0.0:
+        return replace(shadow, y_max_mm=min(end_mm, shadow.y_max_mm))
+    return replace(shadow, y_min_mm=max(end_mm, shadow.y_min_mm))
+
+
+def _edge_at(end_mm: float, side: float, centre_mm: float, rows: int, pixel_mm: float) -> float:
+    """y of the lower edge of a field that ends, on one side, at y or up to a pixel before it."""
+    pixels = math.floor((end_mm - centre_mm) * side / pixel_mm)
+    edge = centre_mm + side * pixels * pixel_mm
+    return edge - rows * pixel_mm if side > 0.0 else edge

@@ -35,20 +35,22 @@ class GenerateSettings(Settings):
     voxel_mm: float = Field(0.5, ge=0.1, le=4.0)
     """Voxel size, mm."""
 
-    volume_ml: float | None = Field(None, ge=150.0, le=1800.0)
-    """Volume of the breast without muscle, mL; left out, drawn by the seed from 350 to 900."""
+    volume_ml: float | None = Field(None, ge=100.0, le=1900.0)
+    """Volume of the breast without muscle, mL; left out, drawn by the seed: median 620, two thirds
+    of breasts from 380 to 1000."""
 
     glandular_percent: float | None = Field(None, ge=2.0, le=55.0)
     """Fibroglandular share of the volume within the skin, %; left out, that of the class."""
 
-    skin_mm: float = Field(1.45, ge=0.8, le=3.0)
-    """Thickness of the skin, mm; mean of breast CT, Huang et al. 2008, Med Phys 35:1199-1206."""
+    skin_mm: float | None = Field(None, ge=0.8, le=3.0)
+    """Thickness of the skin, mm; left out, drawn by the seed from 1.2 to 2.0, mean 1.45 as in
+    breast CT (Huang et al. 2008, Med Phys 35:1199-1206)."""
 
-    nipple_height_mm: float = Field(7.0, ge=2.0, le=12.0)
-    """How far the nipple stands out of the areola, mm."""
+    nipple_height_mm: float | None = Field(None, ge=2.0, le=12.0)
+    """How far the nipple stands out of the areola, mm; left out, drawn by the seed from 4 to 9."""
 
-    nipple_diameter_mm: float = Field(10.0, ge=6.0, le=16.0)
-    """Diameter of the nipple, mm."""
+    nipple_diameter_mm: float | None = Field(None, ge=6.0, le=16.0)
+    """Diameter of the nipple, mm; left out, drawn by the seed from 8 to 12."""
 
     @property
     def density_class(self) -> str:

@@ -1,0 +1,56 @@
+"""Straight round pieces painted into labels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim._jit import kernel
+from mammosim.phantom.anatomy._kernels import Lattice
+
+
+@kernel
+def paint_tubes(
+    labels: NDArray[np.uint8], lattice: Lattice, ends_mm: NDArray[np.float64],
+    radius_mm: NDArray[np.float64], label: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Paint straight round pieces: ends (n, 2, 3) and radii (n, 2) at both ends, mm.
+
+    Besides the voxels whose centre lies in it, a piece gets those that its axis goes through, one
+    a step along its longest side, so that a thin one does not break up.
+    """
+    step = lattice.x_mm[1] - lattice.x_mm[0]
+    for n in range(ends_mm.shape[0]):
+        a, b = ends_mm[n, 0], ends_mm[n, 1]
+        widest = max(radius_mm[n, 0], radius_mm[n, 1])
+        low, high = np.minimum(a, b) - widest, np.maximum(a, b) + widest
+        squared = max(((b - a) ** 2).sum(), 1e-9)
+        i0, i1 = np.searchsorted(lattice.x_mm, low[0]), np.searchsorted(lattice.x_mm, high[0])
+        j0 = np.searchsorted(lattice.lateral_mm, low[1])
+        j1 = np.searchsorted(lattice.lateral_mm, high[1])
+        k0 = np.searchsorted(lattice.superior_mm, low[2])
+        k1 = np.searchsorted(lattice.superior_mm, high[2])
+        for i in range(i0, i1):
+            dx = lattice.x_mm[i] - a[0]
+            for j in range(j0, j1):
+                dy = lattice.lateral_mm[j] - a[1]
+                for k in range(k0, k1):
+                    dz = lattice.superior_mm[k] - a[2]
+                    t = (dx * (b[0] - a[0]) + dy * (b[1] - a[1]) + dz * (b[2] - a[2])) / squared
+                    t = min(max(t, 0.0), 1.0)
+                    gap = (
+                        (dx - t * (b[0] - a[0])) ** 2 + (dy - t * (b[1] - a[1])) ** 2
+                        + (dz - t * (b[2] - a[2])) ** 2
+                    )  # fmt: skip
+                    radius = radius_mm[n, 0] + t * (radius_mm[n, 1] - radius_mm[n, 0])
+                    if gap <= radius * radius:
+                        labels[i, j, k] = label[n]
+        steps = int(np.ceil(np.abs(b - a).max() / step))
+        for turn in range(steps + 1):
+            along = turn / max(steps, 1)
+            i = int(np.rint((a[0] + along * (b[0] - a[0]) - lattice.x_mm[0]) / step))
+            j = int(np.rint((a[1] + along * (b[1] - a[1]) - lattice.lateral_mm[0]) / step))
+            k = int(np.rint((a[2] + along * (b[2] - a[2]) - lattice.superior_mm[0]) / step))
+            within = 0 <= i < labels.shape[0] and 0 <= j < labels.shape[1]
+            if within and 0 <= k < labels.shape[2]:
+                labels[i, j, k] = label[n]

@@ -1,0 +1,90 @@
+"""The way to the axilla: a ridge of muscle and fat that leaves the phantom through an open end.
+
+On an oblique mammogram breast and pectoral muscle run out of the picture at its upper edge. The
+ridge stands for the front fold of the axilla, over the pectoral muscle on its way to the arm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.phantom.anatomy.shape import Points, Shape
+
+CUT_DEG = 45.0
+"""Direction out of the open end, from lateral to superior, degrees: along the picture's long side
+in the usual oblique view."""
+
+OFF_DEG = 60.0
+"""Direction beyond which tissue stays off the plates in other views, degrees: the paddle comes
+down in front of what lies above the breast, and holds its lateral tail."""
+
+
+@dataclass(frozen=True)
+class Axilla:
+    """A ridge on the chest wall towards the axilla.
+
+    Parameters
+    ----------
+    height_mm : float
+        How far it stands out from the chest wall.
+    half_width_mm : float
+        Half its width across.
+    offset_mm : float
+        Its middle line against the nipple, upwards across its direction.
+    cut_mm : float
+        Where the phantom ends, along its direction from the nipple.
+    off_mm : float
+        What lies farther in the direction `OFF_DEG` stays off the plates in other views.
+    """
+
+    height_mm: float
+    half_width_mm: float
+    offset_mm: float
+    cut_mm: float
+    off_mm: float
+
+
+def draw_axilla(shape: Shape, rng: np.random.Generator) -> Axilla:
+    """A ridge that suits a breast: the body behind it varies less than the breast does."""
+    radius = shape.radius_mm
+    start = 0.5 * shape.base_superior_mm
+    return Axilla(
+        height_mm=(14.0 + 0.42 * radius) * rng.uniform(0.9, 1.15),
+        half_width_mm=(6.0 + 0.40 * radius) * rng.uniform(0.9, 1.1),
+        offset_mm=start + radius * rng.uniform(-0.05, 0.1),
+        cut_mm=radius * rng.uniform(1.10, 1.24) + start,
+        off_mm=0.86 * radius + start,
+    )
+
+
+def along_mm(lateral: NDArray[np.float64], superior: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance from the nipple towards the axilla, mm."""
+    angle = np.deg2rad(CUT_DEG)
+    towards: NDArray[np.float64] = lateral * np.cos(angle) + superior * np.sin(angle)
+    return towards
+
+
+def ridge_level(axilla: Axilla, shape: Shape, points_mm: Points) -> NDArray[np.float64]:
+    """Positive inside the ridge, 0 on its surface; it fades towards the middle of the breast.
+
+    Parameters
+    ----------
+    axilla : Axilla
+    shape : Shape
+    points_mm : tuple of three ndarray that broadcast
+        x, lateral, superior, mm.
+    """
+    x, lateral, superior = points_mm
+    angle = np.deg2rad(CUT_DEG)
+    across = superior * np.cos(angle) - lateral * np.sin(angle) - axilla.offset_mm
+    begun = np.clip(along_mm(lateral, superior) / shape.radius_mm + 0.3, 0.0, 1.0)
+    begun = begun * begun * (3.0 - 2.0 * begun)
+    depth = np.clip(x, 0.0, None)
+    inside: NDArray[np.float64] = (
+        2.0 * begun - 1.0
+        - (np.abs(across) / axilla.half_width_mm) ** 2.2 - (depth / axilla.height_mm) ** 2.2
+    )  # fmt: skip
+    return inside
