@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,8 @@ from mammosim.phantom import (
     make_phantom,
     read_phantom,
 )
-from mammosim.phantom.lesion_shapes import Ball, clip_ball, cluster_balls, inside_mass
+from mammosim.phantom.calcifications import SIZES, cluster_balls
+from mammosim.phantom.lesion_shapes import Ball, clip_ball, inside_mass
 from mammosim.tissues import TISSUES
 
 
@@ -45,7 +48,15 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(8)
 
 
-@pytest.mark.parametrize("margin", ["smooth", "lobulated", "spiculated"])
+MASS_VOLUMES = {
+    # Share of the ball. Spiculated: a body of 17 % and spicules; distortion: thin lines, which
+    # take 1.2 voxels of 0.5 mm at least.
+    "smooth": (0.45, 1.0), "lobulated": (0.45, 1.0), "spiculated": (0.17, 0.5),
+    "distortion": (0.02, 0.2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("margin", MASS_VOLUMES)
 def test_a_mass_fills_a_ball_without_leaving_it(breast, margin):
     entry = lesion(diameter_mm=10.0, position_mm=(13.0, 2.0, -3.0), margin=margin)
     made = insert_lesions(breast, [entry], rng())
@@ -54,8 +65,7 @@ def test_a_mass_fills_a_ball_without_leaving_it(breast, margin):
     assert np.linalg.norm(voxels - entry.position_mm, axis=1).max() <= 5.0
     assert mass.volume_mm3 == pytest.approx(len(voxels) * 0.125)
     ball = np.pi / 6 * 1000.0
-    # Spiculated: a body of 55 % of the radius, 17 % of the ball, and its spicules.
-    low, high = (0.17, 0.5) if margin == "spiculated" else (0.45, 1.0)
+    low, high = MASS_VOLUMES[margin]
     assert low * ball < mass.volume_mm3 < high * ball
     np.testing.assert_allclose(mass.position_mm, voxels.mean(axis=0))
     assert np.linalg.norm(mass.position_mm - entry.position_mm) < 1.0
@@ -81,13 +91,79 @@ def test_calcifications_keep_their_mass(breast):
     assert cluster.fill < 0.2
 
 
-def test_drawn_clusters_have_published_numbers_and_sizes():
+@pytest.mark.parametrize("morphology", SIZES)
+def test_drawn_clusters_have_published_numbers_and_sizes(morphology):
+    sizes, aspects = [], []
     for seed in range(20):
-        balls = cluster_balls(5.0, None, None, np.random.default_rng(seed))
+        balls = cluster_balls(5.0, None, None, np.random.default_rng(seed), morphology)
         assert 5 <= len(balls) <= 30
         for ball in balls:
-            assert 0.05 <= ball.radius_mm <= 0.4
-            assert np.linalg.norm(ball.offset_mm) + ball.radius_mm <= 5.0 + 1e-9
+            sizes.append((ball.volume_mm3 * 6.0 / np.pi) ** (1.0 / 3.0))
+            aspects.append(1.0 + ball.half_length_mm / ball.radius_mm)
+            reach = np.linalg.norm(ball.offset_mm) + ball.radius_mm + ball.half_length_mm
+            assert reach <= 5.0 + 1e-9
+    assert 0.1 - 1e-9 <= min(sizes) < max(sizes) <= SIZES[morphology].largest_mm + 1e-9
+    # Some 350 drawn from a log-normal law: its median is known to 4 %.
+    assert np.median(sizes) == pytest.approx(SIZES[morphology].median_mm, rel=0.12)
+    assert SIZES[morphology].aspect[0] <= min(aspects) < max(aspects) <= SIZES[morphology].aspect[1]
+
+
+def test_linear_calcifications_lie_in_a_row_towards_the_nipple():
+    towards = np.array([0.6, 0.8, 0.0])
+    for seed in range(5):
+        rows = cluster_balls(5.0, 30, None, np.random.default_rng(seed), "linear", towards)
+        loose = cluster_balls(5.0, 30, None, np.random.default_rng(seed), "punctate", towards)
+        spread = [
+            np.linalg.svd(np.array([b.offset_mm for b in balls]))[1] for balls in (rows, loose)
+        ]
+        # Second axis of the row against the first; the flattened ball has 3 to 4 in theory.
+        assert spread[0][1] / spread[0][0] < 0.6
+        assert spread[0][2] / spread[0][0] < spread[1][2] / spread[1][0]
+        assert np.median([abs(ball.direction @ towards) for ball in rows]) > 0.8
+
+
+@pytest.fixture
+def with_artery(breast) -> BreastPhantom:
+    """An artery of 3 voxels' radius along z in the gland."""
+    i, j, _ = np.indices(breast.labels.shape)
+    labels = breast.labels.copy()
+    inside = (np.hypot(i - 26, j - 64) <= 3.0) & (labels == 29)
+    labels[inside] = 150
+    return dataclasses.replace(breast, labels=labels)
+
+
+def test_vascular_calcifications_keep_to_the_wall_of_an_artery(with_artery):
+    entry = lesion("v", "calcification", morphology="vascular", diameter_mm=10.0)
+    made = insert_lesions(with_artery, [entry], rng())
+    wall = made.labels == made.lesions[0].label
+    assert wall.any()
+    assert (with_artery.labels[wall] == 150).all()
+    i, j, _ = np.nonzero(wall)
+    assert np.hypot(i - 26, j - 64).min() > 1.5
+    # Six tenths of the wall, a quarter of a millimetre thick in voxels of half a millimetre.
+    assert made.lesions[0].fill == pytest.approx(0.5)
+    assert made.lesions[0].volume_mm3 == pytest.approx(wall.sum() * 0.125 * 0.5)
+
+
+def test_vascular_calcifications_need_an_artery(breast):
+    entry = lesion("v", "calcification", morphology="vascular", position_mm=(13.0, 0.0, 0.0))
+    with pytest.raises(
+        InputError, match=r"'v': no artery within 12\.5 mm of \[13\.0, 0\.0, 0\.0\]"
+    ):
+        insert_lesions(breast, [entry], rng())
+
+
+def test_clusters_are_placed_in_lobular_units_where_there_are_any(breast):
+    labels = breast.labels.copy()
+    i, j, k = np.indices(labels.shape)
+    units = (np.hypot(np.hypot(i - 26, j - 74), k - 64) <= 5.0) & (labels == 29)
+    labels[units] = 95
+    other = dataclasses.replace(breast, labels=labels)
+    entry = lesion("c", "calcification", diameter_mm=2.0)
+    for seed in range(4):
+        made = insert_lesions(other, [entry], np.random.default_rng(seed)).lesions[0]
+        place = np.array(other.frame.index(made.position_mm))
+        assert np.linalg.norm(place - [26, 74, 64]) < 5.0 + 2.0
 
 
 def test_a_clip_is_one_piece_of_its_length_and_volume(breast):
@@ -116,7 +192,9 @@ def test_a_smooth_mass_is_rounder_than_a_spiculated_one():
         faces = sum(np.count_nonzero(np.diff(mask, axis=axis)) for axis in range(3))
         return faces / mask.sum() ** (2 / 3)
 
-    assert roughness("smooth") < roughness("lobulated") < roughness("spiculated")
+    margins = ("smooth", "lobulated", "spiculated", "distortion")
+    found = [roughness(margin) for margin in margins]
+    assert found == sorted(found)
 
 
 def test_drawn_places_lie_in_gland_clear_of_skin_muscle_and_each_other(breast):
@@ -186,6 +264,11 @@ def test_overlaps_names_and_room(breast):
      ({"generate": {}, "lesions": [{"name": "a", "kind": "cyst"}]}, "lesions.0.kind: found 'cyst'"),
      ({"generate": {}, "lesions": [{"name": "a", "kind": "clip", "count": 3}]},
       "count does not belong to kind 'clip'"),
+     ({"generate": {}, "lesions": [{"name": "a", "kind": "mass", "morphology": "linear"}]},
+      "morphology does not belong to kind 'mass'"),
+     ({"generate": {}, "lesions": [
+         {"name": "a", "kind": "calcification", "morphology": "vascular", "count": 3}]},
+      "count does not belong to morphology 'vascular'"),
      ({"generate": {}, "lesions": [{"name": "a", "kind": "mass", "diameter_mm": -1}]},
       "greater than 0"),
      ({"generate": {}, "lesions": [{"name": "a", "kind": "mass"}],

@@ -1,4 +1,4 @@
-"""Outlines of masses, members of a cluster of calcifications, and clips."""
+"""Outlines of masses, balls and rods, and clips."""
 
 from __future__ import annotations
 
@@ -7,25 +7,42 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-CALCIFICATIONS = (5, 30)
-"""Number in a cluster: five within 1 cm make one (ACR BI-RADS Atlas, 5th edition, 2013,
-"Grouped"); the upper end is a choice."""
-
-CALCIFICATION_MM = (0.1, 0.8)
-"""Diameters, a choice within the range of microcalcifications: from 1 mm on they are coarse ones,
-and VICTRE uses 0.17 to 0.2 mm (Badano et al. 2018, JAMA Netw Open 1(7):e185474)."""
-
-CALCIFICATION_MEDIAN_MM, CALCIFICATION_SPREAD = 0.25, 0.5
-"""Median diameter, mm, and spread of its logarithm: a choice by which most are small."""
-
 CLIP_RADIUS_MM = 0.25
 """Radius of the wire a biopsy clip is made of, mm."""
 
-LOBES = {"smooth": 0.04, "lobulated": 0.14, "spiculated": 0.16}
-"""Unevenness of a mass's radius, as a fraction of it."""
 
-SPICULES = (14, 24)
-"""Number of spicules of a spiculated mass."""
+@dataclass(frozen=True)
+class Margin:
+    """How a mass is bounded.
+
+    Parameters
+    ----------
+    body : float
+        Radius of its body, of the mass's.
+    lobes : float
+        Unevenness of that radius, as a fraction of it.
+    spicules : (int, int)
+        Fewest and most spicules.
+    base, tip : float
+        Half the width of a spicule at the centre and at its end, of its length.
+    """
+
+    body: float
+    lobes: float
+    spicules: tuple[int, int] = (0, 0)
+    base: float = 0.0
+    tip: float = 0.0
+
+
+MARGINS = {
+    "smooth": Margin(0.94, 0.04),
+    "lobulated": Margin(0.83, 0.14),
+    "spiculated": Margin(0.55, 0.16, (14, 24), 0.17, 0.03),
+    "distortion": Margin(0.12, 0.16, (18, 32), 0.05, 0.02),
+}
+"""By the names of BI-RADS as far as it has them: an architectural distortion has thin straight
+lines or spicules that radiate from a point and no definite mass (ACR BI-RADS Atlas, 5th edition,
+2013). The numbers are choices by eye; bodies that are uneven stay within the radius."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +82,11 @@ class Ball:
 
 
 def inside_mass(
-    offsets_mm: NDArray[np.float64], radius_mm: float, margin: str, rng: np.random.Generator
+    offsets_mm: NDArray[np.float64],
+    radius_mm: float,
+    margin: str,
+    rng: np.random.Generator,
+    thinnest_mm: float = 0.0,
 ) -> NDArray[np.bool_]:
     """Which points belong to a mass, a ball made uneven that stays within its radius.
 
@@ -75,64 +96,35 @@ def inside_mass(
         Points from the mass's centre, mm.
     radius_mm : float
         Greatest radius, mm.
-    margin : {"smooth", "lobulated", "spiculated"}
+    margin : {"smooth", "lobulated", "spiculated", "distortion"}
     rng : Generator
+    thinnest_mm : float
+        Least half width of a spicule, mm: thinner than a voxel it would break up.
 
     Notes
     -----
     The radius in a direction n is 1 + a sum of cosines of n.k with random wave vectors k, scaled
-    to at most `radius_mm`. Spicules are cones from the body, which then has 55 % of the radius,
-    out to it.
+    to at most `radius_mm`. Spicules are cones from the centre through the body.
     """
+    kind = MARGINS[margin]
     distance = np.linalg.norm(offsets_mm, axis=-1)
     direction = offsets_mm / np.maximum(distance, 1e-9)[..., None]
     waves = rng.standard_normal((8, 3)) * 2.6
     phases = rng.uniform(0.0, 2.0 * np.pi, 8)
     uneven = np.cos(direction @ waves.T + phases).sum(axis=-1) / 2.0
-    size = LOBES[margin]
-    body = radius_mm * (0.55 if margin == "spiculated" else 1.0 / (1.0 + 1.5 * size))
-    inside: NDArray[np.bool_] = distance <= np.minimum(body * (1.0 + size * uneven), radius_mm)
-    if margin == "spiculated":
-        axes = rng.standard_normal((int(rng.integers(*SPICULES)), 3))
-        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        for axis in axes:
-            reach = radius_mm * rng.uniform(0.75, 1.0)
-            along = offsets_mm @ axis
-            across = np.sqrt(np.maximum(distance**2 - along**2, 0.0))
-            inside |= (
-                (along > 0) & (along < reach) & (across < 0.14 * (reach - along) + 0.03 * reach)
-            )
-        inside &= distance <= radius_mm
+    body = kind.body * radius_mm * (1.0 + kind.lobes * uneven)
+    inside: NDArray[np.bool_] = distance <= np.minimum(body, radius_mm)
+    number = int(rng.integers(kind.spicules[0], kind.spicules[1] + 1))
+    axes = rng.standard_normal((number, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    for axis in axes:
+        reach = radius_mm * rng.uniform(0.75, 1.0)
+        along = offsets_mm @ axis
+        across = np.sqrt(np.maximum(distance**2 - along**2, 0.0))
+        width = kind.tip * reach + (kind.base - kind.tip) * (reach - along)
+        inside |= (along > 0) & (along < reach) & (across < np.maximum(width, thinnest_mm))
+    inside &= distance <= radius_mm
     return inside
-
-
-def cluster_balls(
-    radius_mm: float, count: int | None, diameter_mm: float | None, rng: np.random.Generator
-) -> list[Ball]:
-    """Calcifications scattered in a ball, denser towards its centre.
-
-    Parameters
-    ----------
-    radius_mm : float
-        Radius of the cluster, mm.
-    count : int or None
-        How many; None draws it.
-    diameter_mm : float or None
-        Diameter of each, mm; None draws it for each.
-    rng : Generator
-    """
-    number = (
-        count if count is not None else int(rng.integers(CALCIFICATIONS[0], CALCIFICATIONS[1] + 1))
-    )
-    balls = []
-    for _ in range(number):
-        drawn = CALCIFICATION_MEDIAN_MM * np.exp(CALCIFICATION_SPREAD * rng.standard_normal())
-        diameter = float(np.clip(drawn, *CALCIFICATION_MM)) if diameter_mm is None else diameter_mm
-        direction = rng.standard_normal(3)
-        direction /= np.linalg.norm(direction)
-        room = max(radius_mm - 0.5 * diameter, 0.0)
-        balls.append(Ball(room * rng.random() ** 0.5 * direction, 0.5 * diameter))
-    return balls
 
 
 def clip_ball(length_mm: float, rng: np.random.Generator) -> Ball:

@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from mammosim.errors import InputError
 from mammosim.phantom.breast import BreastPhantom, Lesion
 from mammosim.phantom.found_lesions import bounding_box
-from mammosim.phantom.lesion_shapes import Ball, clip_ball, cluster_balls, inside_mass
+from mammosim.phantom.paint_lesion import distance_mm, paint_lesion, window_around
 from mammosim.phantom.place import box_text, draw_place, tissue_at
 from mammosim.phantom.settings import LesionSettings
 from mammosim.tissues import LESION_LABELS
+
+VESSEL_ROOM_MM = 2.0
+"""Room that a drawn place has around it for calcifications of a vessel, which stay in its wall."""
 
 Taken = list[tuple[NDArray[np.float64], float]]
 
@@ -58,7 +61,7 @@ def insert_lesions(
     labels, made = breast.labels.copy(), list(breast.lesions)
     own = rng.spawn(len(lesions))
     for entry, centre, label, lesion_rng in zip(lesions, centres, free, own, strict=False):
-        made.append(_paint(breast, labels, entry, centre, label, lesion_rng))
+        made.append(paint_lesion(breast, labels, entry, centre, label, lesion_rng))
     tissue_of_label = dict(breast.tissue_of_label)
     tissue_of_label.update({lesion.label: lesion.tissue for lesion in made})
     return dataclasses.replace(
@@ -112,7 +115,9 @@ def _centres(
     for number, entry in enumerate(lesions):
         if number not in centres:
             radius = 0.5 * entry.size_mm
-            centres[number] = draw_place(breast, radius, taken, rng, entry.name)
+            vascular = entry.morphology == "vascular"
+            kind, room = ("vascular", VESSEL_ROOM_MM) if vascular else (entry.kind, radius)
+            centres[number] = draw_place(breast, room, taken, rng, entry.name, kind)
             taken.append((centres[number], radius))
     return [centres[number] for number in range(len(lesions))]
 
@@ -124,8 +129,8 @@ def _outside(
     start = f"phantom.lesions.{number}: '{entry.name}' at {centre.tolist()} mm"
     if tissue_at(breast, centre) in (None, "air"):
         return [f"{start} lies outside the breast; {box_text(breast)}"]
-    corner, window = _window(breast, centre, 0.5 * entry.size_mm)
-    inside = _distance(breast, corner, window.shape, centre) <= 0.5 * entry.size_mm
+    corner, window = window_around(breast, centre, 0.5 * entry.size_mm)
+    inside = distance_mm(breast, corner, window.shape, centre) <= 0.5 * entry.size_mm
     low = breast.frame.index(centre) * breast.voxel_mm + 0.5 * breast.voxel_mm
     room = np.minimum(low, np.array(breast.labels.shape) * breast.voxel_mm - low).min()
     if (window[inside] == 0).any() or room < 0.5 * entry.size_mm:
@@ -134,106 +139,3 @@ def _outside(
             f"make it smaller; {box_text(breast)}"
         ]
     return []
-
-
-def _window(
-    breast: BreastPhantom, centre: NDArray[np.float64], radius_mm: float,
-    labels: NDArray[np.uint8] | None = None,
-) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:  # fmt: skip
-    """Voxels around a ball and a voxel more, as a view, and the index of its first one."""
-    at, reach = breast.frame.index(centre), radius_mm / breast.voxel_mm + 1.0
-    low = np.clip(np.floor(at - reach), 0, breast.labels.shape).astype(int)
-    high = np.clip(np.ceil(at + reach) + 1, 0, breast.labels.shape).astype(int)
-    source = breast.labels if labels is None else labels
-    return low, source[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
-
-
-def _offsets(
-    breast: BreastPhantom, corner: NDArray[np.int64], shape: tuple[int, ...],
-    centre: NDArray[np.float64],
-) -> NDArray[np.float64]:  # fmt: skip
-    """(nx, ny, nz, 3) positions of a window's voxels from a centre, mm."""
-    index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1) + corner
-    return breast.frame.position_mm(index) - centre
-
-
-def _distance(
-    breast: BreastPhantom, corner: NDArray[np.int64], shape: tuple[int, ...],
-    centre: NDArray[np.float64],
-) -> NDArray[np.float64]:  # fmt: skip
-    distance: NDArray[np.float64] = np.linalg.norm(_offsets(breast, corner, shape, centre), axis=-1)
-    return distance
-
-
-def _paint(
-    breast: BreastPhantom,
-    labels: NDArray[np.uint8],
-    entry: LesionSettings,
-    centre: NDArray[np.float64],
-    label: int,
-    rng: np.random.Generator,
-) -> Lesion:
-    """Label a lesion's voxels, in place, and describe it."""
-    radius = 0.5 * entry.size_mm
-    if entry.kind == "mass":
-        corner, window = _window(breast, centre, radius, labels)
-        offsets = _offsets(breast, corner, window.shape, centre)
-        mask = inside_mass(offsets, radius, entry.margin, rng)
-        if not mask.any():
-            mask = _nearest(offsets)
-        window[mask] = label
-        true_mm3 = None
-    else:
-        balls = [clip_ball(entry.size_mm, rng)]
-        if entry.kind == "calcification":
-            balls = cluster_balls(radius, entry.count, entry.calcification_mm, rng)
-        for ball in balls:
-            _paint_ball(breast, labels, ball, centre, label)
-        true_mm3 = sum(ball.volume_mm3 for ball in balls)
-    return _described(breast, labels, entry, centre, label, true_mm3)
-
-
-def _paint_ball(
-    breast: BreastPhantom,
-    labels: NDArray[np.uint8],
-    ball: Ball,
-    centre: NDArray[np.float64],
-    label: int,
-) -> None:
-    """Label the voxels whose centre lies in a ball or rod, or else the nearest one."""
-    at = centre + ball.offset_mm
-    corner, window = _window(breast, at, ball.radius_mm + ball.half_length_mm, labels)
-    offsets = _offsets(breast, corner, window.shape, at)
-    # A rod thinner than three quarters of a voxel would break up into pieces.
-    thinnest = 0.75 * float(breast.voxel_mm.max()) if ball.half_length_mm > 0 else 0.0
-    mask = ball.contains(offsets, thinnest)
-    if not mask.any():
-        mask = _nearest(offsets)
-    window[mask & (window != 0)] = label
-
-
-def _nearest(offsets: NDArray[np.float64]) -> NDArray[np.bool_]:
-    squared = (offsets**2).sum(axis=-1)
-    mask = np.zeros(squared.shape, bool)
-    mask[np.unravel_index(squared.argmin(), squared.shape)] = True
-    return mask
-
-
-def _described(
-    breast: BreastPhantom,
-    labels: NDArray[np.uint8],
-    entry: LesionSettings,
-    centre: NDArray[np.float64],
-    label: int,
-    true_mm3: float | None,
-) -> Lesion:
-    """The lesion's record, from the voxels it got."""
-    corner, window = _window(breast, centre, 0.5 * entry.size_mm + 2.0, labels)
-    index = np.argwhere(window == label)
-    painted_mm3 = len(index) * float(np.prod(breast.voxel_mm))
-    position = breast.frame.position_mm(corner + index.mean(axis=0))
-    volume = painted_mm3 if true_mm3 is None else true_mm3
-    fill = 1.0 if true_mm3 is None else min(1.0, true_mm3 / painted_mm3)
-    return Lesion(
-        entry.name, entry.kind, label, entry.kind, position, min(volume, painted_mm3), fill
-    )

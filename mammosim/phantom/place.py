@@ -15,9 +15,14 @@ from mammosim.tissues import TISSUES
 COARSE_MM = 2.0
 """Grid on which free places are sought, mm: small against the lesions' distances."""
 
-PREFERRED = ("gland", "tdlu", "duct")
-"""Tissues in which lesions arise: the epithelium of the terminal units (Wellings, Jensen & Marcum
-1975, J Natl Cancer Inst 55:231-273)."""
+PREFERRED = {
+    "mass": (("tdlu", "gland", "duct"),),
+    "calcification": (("tdlu",), ("gland", "duct")),
+    "clip": (("gland", "tdlu", "duct"),),
+    "vascular": (("artery",),),
+}
+"""Tissues in which lesions arise, the first that the breast has: the epithelium of the terminal
+units (Wellings, Jensen & Marcum 1975, J Natl Cancer Inst 55:231-273)."""
 
 AVOIDED = ("air", "skin", "nipple", "muscle")
 """Tissues a drawn place keeps away from."""
@@ -58,8 +63,9 @@ def draw_place(
     taken: Sequence[tuple[NDArray[np.float64], float]],
     rng: np.random.Generator,
     name: str,
+    kind: str = "mass",
 ) -> NDArray[np.float64]:
-    """A random centre in gland whose ball stays clear of skin, nipple, muscle and other lesions.
+    """A random centre whose ball stays clear of skin, nipple, muscle and other lesions.
 
     Parameters
     ----------
@@ -71,6 +77,8 @@ def draw_place(
     rng : Generator
     name : str
         For messages.
+    kind : str
+        Of `PREFERRED`: the tissue in which it arises; where there is none of it, any other.
 
     Raises
     ------
@@ -91,12 +99,18 @@ def draw_place(
     index = np.argwhere(free)
     centres = breast.origin_mm + index * spacing
     apart = np.ones(len(index), bool)
+    if breast.open_end is not None:  # what only oblique views hold is no place for a lesion
+        end = breast.open_end
+        apart &= (centres - end.off_point_mm) @ end.off_normal < -radius_mm
     for centre, radius in taken:
         apart &= np.linalg.norm(centres - centre, axis=1) > radius + radius_mm + 1.0
-    preferred = apart & np.isin(
-        coarse[tuple(index.T)], [TISSUES[tissue].label for tissue in PREFERRED]
-    )
-    choices = centres[preferred if preferred.any() else apart]
+    choices = centres[apart]
+    for tissues in PREFERRED[kind]:
+        labels = [TISSUES[tissue].label for tissue in tissues]
+        preferred = apart & np.isin(coarse[tuple(index.T)], labels)
+        if preferred.any():
+            choices = centres[preferred]
+            break
     if len(choices) == 0:
         raise InputError(
             f"lesion '{name}': no place has room for its {2 * radius_mm:.1f} mm; the roomiest "

@@ -22,29 +22,38 @@ class LesionSettings(Settings):
     """A mass, a cluster of calcifications, or a biopsy clip."""
 
     diameter_mm: float | None = Field(None, gt=0.0, le=100.0)
-    """Diameter of the mass or cluster, or length of the clip, mm; left out, 10, 10 and 3."""
+    """Diameter of the mass or cluster, or length of the clip, mm; left out, 10, 10 and 3, and 25
+    along an artery."""
 
     position_mm: tuple[float, float, float] | None = None
     """Centre in the breast frame, mm; left out, a place where such lesions occur is drawn."""
 
-    margin: Literal["smooth", "lobulated", "spiculated"] = "lobulated"
-    """Outline of a mass."""
+    margin: Literal["smooth", "lobulated", "spiculated", "distortion"] = "lobulated"
+    """Outline of a mass; `distortion` is architectural distortion, spicules without a mass."""
+
+    morphology: Literal["punctate", "pleomorphic", "linear", "vascular"] = "pleomorphic"
+    """Form of calcifications: round, irregular, in a row that forks along ducts, or in the wall of
+    an artery, which the breast must have there."""
 
     count: int | None = Field(None, ge=1, le=200)
-    """Number of calcifications in a cluster; left out, drawn from 5 to 30."""
+    """Number of calcifications in a cluster, not of an artery; left out, drawn from 5 to 30."""
 
     calcification_mm: float | None = Field(None, ge=0.05, le=3.0)
-    """Diameter of each calcification, mm; left out, drawn for each from 0.1 to 0.8."""
+    """Diameter of a ball of each calcification's volume, mm, or thickness of calcified wall; left
+    out, drawn for each from 0.1 to 0.8, and 0.25 in a wall."""
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> Self:
-        belongs = {"margin": "mass", "count": "calcification", "calcification_mm": "calcification"}
+        own = ("morphology", "count", "calcification_mm")
+        belongs = {"margin": "mass", **dict.fromkeys(own, "calcification")}
         foreign = [
             key for key, kind in belongs.items()
             if kind != self.kind and getattr(self, key) != type(self).model_fields[key].default
         ]  # fmt: skip
         if foreign:
             raise ValueError(f"{', '.join(foreign)} does not belong to kind '{self.kind}'")
+        if self.count is not None and self.morphology == "vascular":
+            raise ValueError("count does not belong to morphology 'vascular'")
         return self
 
     @property
@@ -52,8 +61,11 @@ class LesionSettings(Settings):
         """Diameter given, or the kind's own, mm.
 
         A mass of 10 mm is a choice, the upper end of stage T1b; a cluster lies within 1 cm (ACR
-        BI-RADS Atlas, 5th edition, 2013, "Grouped"); clips are some millimetres long.
+        BI-RADS Atlas, 5th edition, 2013, "Grouped"); clips are some millimetres long; the length
+        along an artery is a choice.
         """
+        if self.diameter_mm is None and self.morphology == "vascular":
+            return 25.0
         return self.diameter_mm or {"mass": 10.0, "calcification": 10.0, "clip": 3.0}[self.kind]
 
 

@@ -8,7 +8,7 @@ from mammosim.phantom.settings import PhantomSettings
 from mammosim.phantom.voxels import open_checked
 from mammosim.tissues import load_label_map
 
-LARGEST_DRAWN_ML = 900.0
+LARGEST_DRAWN_ML = 1900.0
 """Largest volume that the generator draws by itself, mL."""
 
 BOX_PART = 3.0
