@@ -5,6 +5,7 @@ from mammosim.compression.compress import MODELS, compress
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.inverse import InverseMap
 from mammosim.compression.settings import CompressionSettings
+from mammosim.compression.spring_samples import SpringSample, SpringSampler
 
 __all__ = [
     "MODELS",
@@ -12,5 +13,7 @@ __all__ = [
     "CompressionSettings",
     "DisplacementField",
     "InverseMap",
+    "SpringSample",
+    "SpringSampler",
     "compress",
 ]

@@ -82,7 +82,11 @@ def tissue_front(breast: BreastPhantom) -> Reach:
 
 
 def build_lattice(
-    breast: BreastPhantom, view: View, resolution_mm: float, stiffness_set: str
+    breast: BreastPhantom,
+    view: View,
+    resolution_mm: float,
+    stiffness_set: str,
+    shift: tuple[float, float] = (0.0, 0.0),
 ) -> Lattice:
     """Lattice of a phantom in the compression frame of a view.
 
@@ -94,12 +98,14 @@ def build_lattice(
         Node spacing, mm.
     stiffness_set : str
         Set of the tissue table.
+    shift : tuple of float
+        By which part of the spacing the nodes lie off their usual place along y and z.
 
     Notes
     -----
     Nodes that no chain of neighbours ties to the chest wall have no place of rest and are left out.
     """
-    frame = _frame_around(breast, view, resolution_mm)
+    frame = _frame_around(breast, view, resolution_mm, shift)
     fraction, modulus, muscle = gather_tissue(breast, view, frame, stiffness_set)
     tissue = fraction >= SMALLEST_PART
     tissue[[0, -1]] = tissue[:, [0, -1]] = tissue[:, :, [0, -1]] = False
@@ -200,11 +206,15 @@ def bounds_mm(breast: BreastPhantom, view: View) -> tuple[NDArray[np.float64], N
     return low, high
 
 
-def _frame_around(breast: BreastPhantom, view: View, h: float) -> VoxelFrame:
-    """Nodes that cover all tissue: from the chest wall forward, symmetric across y and z."""
+def _frame_around(
+    breast: BreastPhantom, view: View, h: float, shift: tuple[float, float]
+) -> VoxelFrame:
+    """Nodes that cover all tissue: from the chest wall forward, symmetric but for the shift."""
     low, high = bounds_mm(breast, view)
     counts = np.ceil((high - low) / h - 1e-6).astype(int) + 2
-    origin = 0.5 * (low + high) - 0.5 * (counts - 1) * h
+    aside = np.array([0.0, *shift])
+    counts += 2 * np.ceil(np.abs(aside)).astype(int)
+    origin = 0.5 * (low + high) - 0.5 * (counts - 1) * h + aside * h
     origin[0] = low[0] - 0.5 * h
     return VoxelFrame(origin, np.full(3, h), (int(counts[0]), int(counts[1]), int(counts[2])))
 

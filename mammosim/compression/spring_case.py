@@ -74,6 +74,7 @@ def make_case(
     settings: CompressionSettings,
     reach: Reach,
     muscle_fixed: bool,
+    lattice_shift: tuple[float, float] = (0.0, 0.0),
 ) -> SpringCase:
     """Lattice, held nodes, stiffening and weight of a breast in a view.
 
@@ -82,7 +83,7 @@ def make_case(
     InputError
         If the chest wall that the settings name would hold all tissue or none.
     """
-    lattice = build_lattice(breast, view, settings.resolution_mm, settings.stiffness)
+    lattice = build_lattice(breast, view, settings.resolution_mm, settings.stiffness, lattice_shift)
     chest = _chest_layer(lattice, reach)
     fixed = np.zeros(lattice.modulus.shape, bool)
     fixed[: chest + 1] = lattice.tissue[: chest + 1]

@@ -123,16 +123,21 @@ def _result(
     state: SpringState,
     notes: tuple[str, ...],
 ) -> CompressedBreast:
+    measures = spring_measures(case.problem(plates), state, case.spacing_mm)
+    field = displacement_field(view, case, state)
+    return CompressedBreast(
+        breast, view, "springs", field, plates.support_z_mm, plates.paddle_z_mm, plates.edge_mm,
+        state.converged, measures, state.history, notes, state.interrupted, case.lattice.modulus,
+    )  # fmt: skip
+
+
+def displacement_field(view: View, case: SpringCase, state: SpringState) -> DisplacementField:
+    """The nodes' displacement in mm, continued into the air around the tissue."""
     lattice, spacing = case.lattice, case.spacing_mm
-    measures = spring_measures(case.problem(plates), state, spacing)
     moved = np.stack(state.displacement).astype(np.float32) * np.float32(spacing)
     moved = continued(moved, lattice.tissue, AIR_LAYERS)
     moved[:, : case.chest + 1] = 0.0  # air beside the chest wall stays with it
-    field = DisplacementField(
+    return DisplacementField(
         lattice.frame, np.ascontiguousarray(np.moveaxis(moved, 0, -1)), lattice.tissue,
         view.rotation,
-    )  # fmt: skip
-    return CompressedBreast(
-        breast, view, "springs", field, plates.support_z_mm, plates.paddle_z_mm, plates.edge_mm,
-        state.converged, measures, state.history, notes, state.interrupted, lattice.modulus,
     )  # fmt: skip

@@ -26,6 +26,7 @@ from mammosim.export.tables import (
     write_compression,
     write_convergence,
     write_lesions,
+    write_table,
 )
 from mammosim.export.victre import write_victre
 from mammosim.export.view import write_compressed, write_images
@@ -78,6 +79,7 @@ __all__ = [
     "write_segmentation",
     "write_series",
     "write_stack_tiff",
+    "write_table",
     "write_text",
     "write_victre",
 ]

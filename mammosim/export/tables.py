@@ -23,9 +23,23 @@ def write_lesions(targets: Sequence[Target], path: str | PathLike[str]) -> None:
 
     Lengths have four decimals; what is not known is empty.
     """
-    header = [field.name for field in fields(Target)]
-    rows = ([_cell(value, ".4f") for value in astuple(target)] for target in targets)
-    write_text(path, _csv(header, rows))
+    write_table(Target, targets, path)
+
+
+def write_table(kind: type[Any], rows: Iterable[Any], path: str | PathLike[str]) -> None:
+    """Write one line a row of a frozen dataclass, with its fields for columns.
+
+    Parameters
+    ----------
+    kind : type
+        The dataclass, for the header of a table without rows.
+    rows : iterable of that dataclass
+        Numbers get four decimals; what is not known is empty.
+    path : path
+    """
+    header = [field.name for field in fields(kind)]
+    cells = ([_cell(value, ".4f") for value in astuple(row)] for row in rows)
+    write_text(path, _csv(header, cells))
 
 
 def write_convergence(history: NDArray[np.void], path: str | PathLike[str]) -> None:

@@ -6,7 +6,7 @@ import hashlib
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,10 +24,11 @@ from mammosim.export import label_image, lesion_masks
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, make_phantom
 from mammosim.pipeline.beforehand import check_detectors, check_settings
+from mammosim.pipeline.lesion_shift import ShiftAnswers, shift_answers, with_ellipsoids
 from mammosim.pipeline.run_config import RunConfig, ViewSettings
 from mammosim.pipeline.save import RunFolder
 from mammosim.projection import PathLengths, project, project_arc
-from mammosim.targets import Target, find_targets, touching_lesions
+from mammosim.targets import Target, find_targets
 
 Tell = Callable[[str, str, np.void | None], None]
 """Told of progress: view folder or '', stage, and a row of the solver's history or None."""
@@ -59,6 +60,8 @@ class Study:
         By laterality and view, as `LCC`; a series of projections as `LCC_DBT`.
     targets : tuple of Target
         One a target and view, the rows of `lesions.csv`.
+    answers : ShiftAnswers
+        Rules between views, biopsy and uncertainty.
     stage_seconds : dict of str to float
         Wall time of each stage.
     """
@@ -66,6 +69,7 @@ class Study:
     breast: BreastPhantom
     views: dict[str, ViewResult] = field(default_factory=dict)
     stage_seconds: dict[str, float] = field(default_factory=dict)
+    answers: ShiftAnswers = field(default_factory=ShiftAnswers)
 
     @property
     def targets(self) -> tuple[Target, ...]:
@@ -107,6 +111,7 @@ def simulate(config: RunConfig, output: RunFolder | None = None, tell: Tell | No
     try:
         for wanted in config.views:
             _make_view(study, config, wanted, output, tell, unfinished)
+        study = _with_answers(study, config, tell)
     except (Interrupted, KeyboardInterrupt) as stop:
         _finish(study, config, output, "interrupted", tell)
         raise Interrupted(str(stop) or "the run was interrupted", study) from None
@@ -242,6 +247,16 @@ def _keep_compression(
             output.write_compression(squeezed)
 
 
+def _with_answers(study: Study, config: RunConfig, tell: Tell) -> Study:
+    """The study with what it answers about its lesions, and how sure their rows are."""
+    with _timed(study.stage_seconds, "", "lesion shift", tell):
+        answers = shift_answers(study.breast, study.views, config, tell)
+    for name, view in study.views.items():
+        targets = with_ellipsoids(view.targets, answers.uncertainty)
+        study.views[name] = replace(view, targets=targets)
+    return replace(study, answers=answers)
+
+
 def _finish(
     study: Study, config: RunConfig, output: RunFolder | None, status: Any, tell: Tell
 ) -> None:
@@ -249,11 +264,11 @@ def _finish(
         return
     with _timed(study.stage_seconds, "", "report", tell):
         views = [(view.squeezed, view.mammogram) for view in study.views.values()]
-        notes = (*study.breast.notes, *touching_lesions(study.breast))
+        notes = (*study.breast.notes, *study.answers.notes)
         series = {name: view.series for name, view in study.views.items() if view.series}
         output.write_summary(
             views, study.targets, notes, study.stage_seconds, status, config.report,
-            series,
+            series, study.answers,
         )  # fmt: skip
 
 

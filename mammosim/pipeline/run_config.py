@@ -18,7 +18,7 @@ from mammosim.geometry import VIEW_NAMES, View
 from mammosim.phantom import PhantomSettings
 from mammosim.projection import ProjectionSettings, TomosynthesisSettings
 from mammosim.report import ReportSettings
-from mammosim.targets import TargetsSettings
+from mammosim.targets import BiopsySettings, TargetsSettings
 
 VIEW_SECTIONS: dict[str, type[Settings]] = {
     "compression": CompressionSettings,
@@ -165,9 +165,22 @@ class RunConfig(Settings):
                         line.removeprefix(": ").replace(section, f"views.{number}.{section}", 1)
                         for line in error.problems
                     )
+        if not problems and self.targets.uncertainty is not None:
+            problems += self._models_that_cannot_be_varied()
         if problems:
             raise InputError(problems)
         return self
+
+    def _models_that_cannot_be_varied(self) -> list[str]:
+        sections = {view.label: self.section_for(view, "compression") for view in self.views}
+        if self.targets.biopsy is not None and self.targets.biopsy.view != "none":
+            sections["biopsy"] = self.biopsy_section(self.views[0])[1]
+        return [
+            f"targets.uncertainty: {name} has compression.model {section.model}; only springs can "
+            "be varied"
+            for name, section in sections.items()
+            if section.model != "springs"
+        ]
 
     def section_for(self, view: ViewSettings, section: str) -> Any:
         """Settings of a section as they hold for one view."""
@@ -176,6 +189,24 @@ class RunConfig(Settings):
         if section == "compression" and PLATE_KEYS & own.keys():
             base = {key: value for key, value in base.items() if key not in PLATE_KEYS}
         return to_settings(VIEW_SECTIONS[section], {**base, **own}, "", (section,))
+
+    def biopsy_section(self, view: ViewSettings) -> tuple[str, CompressionSettings]:
+        """View and compression in which a needle goes for what one view's mammogram showed.
+
+        Plates are those of the biopsy where it says, else of the mammogram in the biopsy's view.
+        """
+        biopsy = self.targets.biopsy or BiopsySettings()
+        name = view.view if biopsy.view in ("same", "none") else biopsy.view
+        if biopsy.view == "none":
+            angle = self.section_for(view, "compression").mlo_angle_deg
+            return name, CompressionSettings(model="none", mlo_angle_deg=angle)
+        of_name = [view, *self.views, ViewSettings(view=name)]
+        own = dict(next(one for one in of_name if one.view == name).compression)
+        plates = biopsy.model_dump(include={"thickness_mm", "force_n"}, exclude_none=True)
+        if plates:
+            own = {key: value for key, value in own.items() if key not in PLATE_KEYS} | plates
+        held = ViewSettings(view=name, compression=own)
+        return name, self.section_for(held, "compression")
 
     def plain(self) -> dict[str, Any]:
         """All values as YAML holds them, defaults filled in but for those that mean "left out"."""

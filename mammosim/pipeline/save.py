@@ -26,9 +26,11 @@ from mammosim.export import (
     write_json,
     write_lesions,
     write_series,
+    write_table,
     write_text,
 )
 from mammosim.phantom.readers import open_voxels
+from mammosim.pipeline.lesion_shift import ShiftAnswers
 from mammosim.pipeline.run_config import RunConfig, input_paths, without_paths
 from mammosim.pipeline.stages import KeptStages
 from mammosim.projection import PathLengths, compressed_labels
@@ -42,7 +44,7 @@ from mammosim.report import (
     run_hash,
     run_record,
 )
-from mammosim.targets import Target
+from mammosim.targets import BiopsyResult, RuleError, ShiftUncertainty, Target
 
 TECHNIQUE = ("target", "filter", "kvp", "mas", "hvl_mm_al", "air_kerma_mgy", "dose_mgy")
 """Of a mammogram, in the run's record; of a series of projections, those of the middle one."""
@@ -122,9 +124,17 @@ class RunFolder:
         status: Status,
         report: ReportSettings,
         series: Mapping[str, Tomosynthesis],
+        answers: ShiftAnswers,
     ) -> None:
-        """Write the lesion table, the run's record and the page."""
+        """Write the tables of the lesions, the run's record and the page."""
         write_lesions(targets, self.path / "lesions.csv")
+        for kind, rows, name in (
+            (RuleError, answers.rules, "view_rules"),
+            (BiopsyResult, answers.biopsy, "biopsy"),
+            (ShiftUncertainty, answers.uncertainty, "uncertainty"),
+        ):
+            if rows:
+                write_table(kind, rows, self.path / f"{name}.csv")
         warnings = list(notes)
         for squeezed, mammogram in views:
             warnings += [*squeezed.notes, *(mammogram.notes if mammogram else ())]

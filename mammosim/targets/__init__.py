@@ -1,6 +1,8 @@
 """Where lesions, landmarks and the nipple are: before, after, and on the image."""
 
 from mammosim.targets.anatomy import clock_position
+from mammosim.targets.biopsy import BiopsyResult, aim_needles
+from mammosim.targets.doubts import target_doubts
 from mammosim.targets.find import find_targets
 from mammosim.targets.lesion_voxels import touching_lesions
 from mammosim.targets.locate import (
@@ -12,20 +14,40 @@ from mammosim.targets.locate import (
     point_from_sights,
     stereotactic,
 )
-from mammosim.targets.settings import TargetsSettings
+from mammosim.targets.origins import target_origins
+from mammosim.targets.settings import BiopsySettings, TargetsSettings, UncertaintySettings
 from mammosim.targets.target import Target
+from mammosim.targets.uncertainty import (
+    ShiftUncertainty,
+    draw_samples,
+    sampled_shifts,
+    uncertainties,
+)
+from mammosim.targets.view_rules import RuleError, rule_errors
 
 __all__ = [
+    "BiopsyResult",
+    "BiopsySettings",
     "Located",
     "RayCurve",
+    "RuleError",
+    "ShiftUncertainty",
     "Sight",
     "Target",
     "TargetsSettings",
+    "UncertaintySettings",
+    "aim_needles",
     "clock_position",
     "curve_of",
+    "draw_samples",
     "find_targets",
     "point_at_height",
     "point_from_sights",
+    "rule_errors",
+    "sampled_shifts",
     "stereotactic",
+    "target_doubts",
+    "target_origins",
     "touching_lesions",
+    "uncertainties",
 ]

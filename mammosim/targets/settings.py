@@ -2,8 +2,78 @@
 
 from __future__ import annotations
 
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
 from mammosim.config import Settings
 
 
+class BiopsySettings(Settings):
+    """How the breast is held when a needle goes for what the mammogram showed."""
+
+    view: Literal["same", "CC", "MLO", "ML", "none"] = "none"
+    """Compression while the needle goes in: that of each mammogram with its own thickness, one of
+    the views, or `none` for a breast as the phantom has it."""
+
+    thickness_mm: float | None = Field(None, gt=0)
+    """Gap between the plates during biopsy, mm; left out: as in the mammogram of that view."""
+
+    force_n: float | None = Field(None, gt=0)
+    """Force on the paddle during biopsy, N, in place of a thickness."""
+
+    needle: Literal["vertical", "lateral"] = "vertical"
+    """Direction of the needle: `vertical` along the compression axis (without plates that of the
+    mammogram), from the paddle's side; `lateral` across it, parallel to the chest wall."""
+
+    @model_validator(mode="after")
+    def _a_compression_of_its_own(self) -> Self:
+        ways = [key for key in ("thickness_mm", "force_n") if getattr(self, key) is not None]
+        if self.view == "none" and ways:
+            raise ValueError(f"view: none has no plates, so {' and '.join(ways)} must be left out")
+        if self.view == "same" and not ways:
+            raise ValueError("view: same needs thickness_mm or force_n, else nothing is different")
+        if len(ways) > 1:
+            raise ValueError("give one of thickness_mm and force_n")
+        return self
+
+
+class UncertaintySettings(Settings):
+    """What is varied to tell how sure a shift is, and how far."""
+
+    samples: int = Field(50, ge=10, le=10_000)
+    """Compressions that are drawn for each view; 50 give the ellipsoid's axes to about 10 %."""
+
+    # Relative standard deviations between samples of one tissue: fat 28 %, gland 19 % (Samani,
+    # Zubovits & Plewes 2007, Phys Med Biol 52:1565), fat 39 %, gland 50 % (Krouskop et al. 1998,
+    # Ultrason Imaging 20:260).
+    stiffness_spread: float = Field(0.35, ge=0, le=1)
+    """Standard deviation of the logarithm of each tissue's modulus, each drawn for itself."""
+
+    # Readouts were off by up to 14 % with rigid paddles, 7 mm of 50 (Hauge et al. 2012, Med Phys
+    # 39:263).
+    thickness_mm: float = Field(5.0, ge=0, le=30)
+    """Largest deviation of the compressed thickness, either way, mm, evenly drawn."""
+
+    plate_height_mm: float = Field(5.0, ge=0, le=30)
+    """Largest deviation of both plates' height along their normal, either way, mm, evenly drawn
+    (assumed)."""
+
+    # Positioning is accepted where the nipple lines of CC and MLO agree to 10 mm.
+    plate_edge_mm: float = Field(5.0, ge=0, le=30)
+    """Largest deviation of how far the breast is drawn between the plates, either way, mm, evenly
+    drawn."""
+
+    lattice: bool = True
+    """Also shift the lattice by up to half its spacing, which tells what the steps of its surface
+    are worth."""
+
+
 class TargetsSettings(Settings):
-    """What is worked out about lesions and landmarks."""
+    """What is worked out about lesions and landmarks beside the table."""
+
+    biopsy: BiopsySettings | None = None
+    """Position of the breast at biopsy; left out: no needle is aimed."""
+
+    uncertainty: UncertaintySettings | None = None
+    """Variation of what is not known exactly; left out: none. Model `springs` only."""

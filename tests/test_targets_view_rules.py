@@ -1,0 +1,89 @@
+"""Rules by which one view tells where to look in another, and targets to be doubted."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from make_records import make_compressed, make_gantry, make_targets
+from naive.projection import phantom
+
+from mammosim.compression import compress
+from mammosim.geometry import View
+from mammosim.targets import rule_errors, target_doubts
+
+
+def seen(name, side="L", **changes):
+    view = View(name, side)
+    targets = make_targets(view)
+    nipple = (targets[-1].image_row_px, targets[-1].image_col_px)
+    placed = []
+    for target in targets:
+        away = np.hypot(target.image_row_px - nipple[0], target.image_col_px - nipple[1])
+        placed.append(dataclasses.replace(target, image_nipple_distance_mm=float(0.5 * away)))
+    if changes:
+        placed[0] = dataclasses.replace(placed[0], **changes)
+    return placed, make_gantry(view)
+
+
+@pytest.mark.parametrize("side", ["L", "R"])
+def test_both_rules_against_a_place_put_by_hand(side):
+    cc, gantry = seen("CC", side)
+    sign = 1.0 if side == "L" else -1.0
+    nipple = cc[-1]
+    # 24 mm behind the nipple and 10 mm beside it in CC; 30 mm behind and 16 mm above in MLO.
+    cc[0] = dataclasses.replace(
+        cc[0], image_col_px=nipple.image_col_px - sign * 48.0,
+        image_row_px=nipple.image_row_px + 20.0, image_nipple_distance_mm=26.0,
+    )  # fmt: skip
+    mlo, other = seen("MLO", side)
+    nipple = mlo[-1]
+    mlo[0] = dataclasses.replace(
+        mlo[0], image_col_px=nipple.image_col_px - sign * 60.0,
+        image_row_px=nipple.image_row_px - 32.0, image_nipple_distance_mm=34.0,
+    )  # fmt: skip
+    row = rule_errors({"CC": (cc, gantry), "MLO": (mlo, other)})[0]
+    assert (row.from_view, row.to_view, row.name) == ("CC", "MLO", "mass 1")
+    assert (row.nipple_depth_from_mm, row.nipple_depth_to_mm) == pytest.approx((24.0, 30.0))
+    assert row.line_error_mm == pytest.approx(6.0)
+    assert row.arc_error_mm == pytest.approx(8.0)
+    assert row.nipple_distance_mm == cc[0].nipple_distance_mm
+
+
+def test_every_pair_of_views_and_only_what_both_show():
+    views = {name: seen(name) for name in ("CC", "MLO", "ML")}
+    rows = rule_errors(views)
+    pairs = {(row.from_view, row.to_view) for row in rows}
+    assert pairs == {("CC", "MLO"), ("CC", "ML"), ("MLO", "ML")}
+    # The landmark lies outside all pictures, the nipple is the rules' origin.
+    assert {row.kind for row in rows} == {"mass", "calcification", "clip"}
+    views["ML"] = seen("ML", in_field=False)
+    assert ("CC", "ML", "mass 1") not in {
+        (row.from_view, row.to_view, row.name) for row in rule_errors(views)
+    }
+    assert rule_errors({"CC": views["CC"]}) == []
+
+
+def test_targets_out_of_field_or_lattice_are_told():
+    view = View("CC", "L")
+    squeezed = make_compressed(view)
+    targets = make_targets(view)
+    del targets[3]  # the made-up phantom has no landmarks
+    assert target_doubts(squeezed, targets) == ()
+    lost = [dataclasses.replace(targets[0], in_field=False), *targets[1:]]
+    (note,) = target_doubts(squeezed, lost)
+    assert note == "LCC: mass 'mass 1' is not in the picture; no needle can be aimed by it"
+
+
+def test_a_speck_that_hangs_on_nothing_is_doubted():
+    labels = np.zeros((40, 40, 40), np.uint8)
+    labels[:20, 5:35, 5:35] = 1
+    labels[34:38, 18:22, 18:22] = 1  # in front of the breast, with nothing between
+    breast = phantom(labels, 1.0, [0.5, -19.5, -19.5])
+    squeezed = compress(breast, view="CC", thickness_mm=24.0, resolution_mm=2.0)
+    row = make_targets(View("CC", "L"))[-1]
+    (note,) = target_doubts(squeezed, [row])
+    assert note.startswith("LCC: the nipple is not in the mechanical lattice")
+    left_alone = compress(breast, view="CC", model="none")
+    assert target_doubts(left_alone, [row]) == ()

@@ -1,0 +1,276 @@
+"""How sure a shift is: the ellipsoid, what is drawn, and whether truths fall where they should."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+
+import numba
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from make_phantom import half_ellipsoid_breast
+from make_run import invoke, save_breast, write
+
+from mammosim.compression import CompressionSettings, SpringSample, SpringSampler, compress
+from mammosim.compression.spring_samples import stiffness_group
+from mammosim.errors import InputError
+from mammosim.phantom import Landmark
+from mammosim.pipeline import load_config
+from mammosim.targets import (
+    UncertaintySettings,
+    draw_samples,
+    sampled_shifts,
+    target_origins,
+    uncertainties,
+)
+from mammosim.targets.ellipsoid import prediction_ellipsoid
+
+KEYS = {"thickness_mm": 36.0, "resolution_mm": 4.0}
+
+
+PLACES = {"middle": (14.0, 0.0, 2.0), "up": (10.0, 4.0, 14.0), "aside": (8.0, 16.0, -6.0)}
+
+
+def breast():
+    """A half ellipsoid with three points to follow."""
+    marks = tuple(Landmark(name, np.array(place)) for name, place in PLACES.items())
+    return dataclasses.replace(half_ellipsoid_breast(voxel_mm=2.0), landmarks=marks)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    """These lattices are too small to be worth waking a thread for, hundreds of times."""
+    usual = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(usual)
+
+
+@pytest.fixture(scope="module")
+def sampler():
+    body = breast()
+    squeezed = compress(body, view="CC", **KEYS)
+    return SpringSampler(squeezed, CompressionSettings(**KEYS)), squeezed
+
+
+# The ellipsoid.
+
+
+def test_the_ellipsoid_covers_one_more_sample_as_often_as_it_says():
+    """Small samples of a slanted normal distribution: Fisher's quantile, not chi-squared's."""
+    rng = np.random.default_rng(3)
+    slant = np.array([[3.0, 0.0, 0.0], [1.0, 0.5, 0.0], [-2.0, 0.3, 0.1]])
+    inside = 0
+    for _ in range(4000):
+        drawn = rng.normal(size=(13, 3)) @ slant.T + 5.0
+        inside += prediction_ellipsoid(drawn[:12]).contains(drawn[12:])[0]
+    # 3 standard deviations of 4000 draws: 1 %. With chi-squared's quantile it would be 84 %.
+    assert inside / 4000 == pytest.approx(0.95, abs=0.0104)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_axes_are_those_of_the_covariance(seed):
+    drawn = np.random.default_rng(seed).normal(size=(40, 3)) * [4.0, 2.0, 0.5]
+    found = prediction_ellipsoid(drawn)
+    np.testing.assert_allclose(found.mean_mm, drawn.mean(axis=0))
+    assert (np.diff(found.semi_axes_mm) <= 0.0).all()
+    np.testing.assert_allclose(found.directions @ found.directions.T, np.eye(3), atol=1e-12)
+    scaled = found.directions.T @ np.diag(found.semi_axes_mm**2) @ found.directions
+    np.testing.assert_allclose(
+        scaled / scaled[0, 0], found.covariance_mm2 / found.covariance_mm2[0, 0]
+    )
+    tip = found.mean_mm + 0.999 * found.semi_axes_mm[:, None] * found.directions
+    beyond = found.mean_mm + 1.001 * found.semi_axes_mm[:, None] * found.directions
+    assert found.contains(tip).all()
+    assert not found.contains(beyond).any()
+
+
+def test_what_does_not_vary_has_an_ellipsoid_of_no_size():
+    found = prediction_ellipsoid(np.ones((8, 3)))
+    assert (found.semi_axes_mm == 0.0).all()
+    assert found.contains([1.0, 1.0, 1.0])[0]
+    assert not found.contains([1.0, 1.0, 1.1])[0]
+
+
+# What is drawn.
+
+
+def test_draws_are_seeded_within_their_ranges_and_one_breast_is_one_breast():
+    wanted = UncertaintySettings(samples=400, stiffness_spread=0.3)
+    groups = ("adipose", "gland", "skin")
+    drawn = draw_samples(wanted, groups, "LCC", 5)
+    assert drawn == draw_samples(wanted, groups, "LCC", 5)
+    assert drawn != draw_samples(wanted, groups, "LCC", 6)
+    other = draw_samples(wanted, groups, "LMLO", 5)
+    assert [sample.stiffness for sample in drawn] == [sample.stiffness for sample in other]
+    assert [sample.lattice for sample in drawn] == [sample.lattice for sample in other]
+    assert drawn[0].thickness_mm != other[0].thickness_mm
+    plates = np.array([(s.thickness_mm, s.height_mm, s.edge_mm) for s in drawn])
+    assert np.abs(plates).max() <= 5.0
+    assert np.abs(plates).max(axis=0).min() > 4.9
+    logs = np.log([[sample.stiffness[group] for group in groups] for sample in drawn])
+    # 1200 draws: 2 % of statistics.
+    assert logs.std() == pytest.approx(0.3, rel=0.06)
+    assert {sample.lattice % 4 for sample in drawn} == {0, 1, 2, 3}
+    still = draw_samples(UncertaintySettings(lattice=False), groups, "LCC", 5)
+    assert {sample.lattice for sample in still} == {0}
+
+
+def test_the_sample_that_deviates_by_nothing_is_the_compression_itself(sampler):
+    varied, squeezed = sampler
+    field = varied.field(SpringSample({}))
+    points = squeezed.phantom.frame.position_mm(np.argwhere(squeezed.phantom.labels > 0))
+    # Both are within 0.01 lattice units of 4 mm of the same equilibrium.
+    np.testing.assert_allclose(
+        field.displacement_at(points), squeezed.displacement_at(points), atol=0.08
+    )
+
+
+def test_what_the_plates_do_is_what_the_settings_would(sampler):
+    varied, squeezed = sampler
+    field = varied.field(SpringSample({}, thickness_mm=-4.0, height_mm=1.0, edge_mm=-1.0))
+    again = compress(
+        squeezed.phantom, view="CC", resolution_mm=4.0,
+        support_z_mm=squeezed.support_z_mm + 3.0, paddle_z_mm=squeezed.paddle_z_mm - 1.0,
+        plate_edge_mm=squeezed.plate_edge_mm - 1.0,
+    )  # fmt: skip
+    points = np.array([mark.position_mm for mark in squeezed.phantom.landmarks])
+    np.testing.assert_allclose(
+        field.displacement_at(points), again.displacement_at(points), atol=0.08
+    )
+
+
+def test_all_moduli_together_change_nothing_one_alone_does(sampler):
+    varied, squeezed = sampler
+    points = np.array([mark.position_mm for mark in squeezed.phantom.landmarks])
+    nominal = varied.field(SpringSample({})).displacement_at(points)
+    together = varied.field(SpringSample(dict.fromkeys(varied.groups, 3.0)))
+    np.testing.assert_allclose(together.displacement_at(points), nominal, atol=0.08)
+    stiff = varied.field(SpringSample({"gland": 6.0})).displacement_at(points)
+    assert np.abs(stiff - nominal).max() > 0.1
+    assert varied.groups == ("adipose", "gland", "skin")
+    assert stiffness_group("tdlu") == "gland"
+
+
+def test_a_sample_is_never_squeezed_flat(sampler):
+    varied, squeezed = sampler
+    field = varied.field(SpringSample({}, thickness_mm=-100.0))
+    points = squeezed.phantom.frame.position_mm(np.argwhere(squeezed.phantom.labels > 0))
+    z = points[:, 2] + field.displacement_at(points)[:, 2]
+    assert np.ptp(z[points[:, 0] > 12.0]) > 0.45 * squeezed.thickness_mm
+
+
+# Calibration. It tests the sampling, not the physics: truths come from the same model.
+
+
+def test_truths_of_the_same_ranges_fall_into_the_ellipsoid_95_times_of_100(sampler):
+    varied, squeezed = sampler
+    wanted = UncertaintySettings(samples=160)
+    origins = target_origins(squeezed.phantom)
+    samples = draw_samples(wanted, varied.groups, "LCC", 11)
+    shifts = sampled_shifts(varied, origins, samples)
+    inside = [
+        prediction_ellipsoid(shifts[:60, target]).contains(shifts[60:, target])
+        for target in range(len(origins))
+    ]
+    # 100 truths, four targets that move together: three standard deviations are 6.5 %; even draws
+    # fall inside a little more often than normal ones. An ellipsoid of half the volume, 0.79 of
+    # the axes, would hold 84 %.
+    assert 0.885 <= np.mean(inside) < 1.0
+
+
+def test_rows_hold_the_samples_statistics(sampler):
+    varied, squeezed = sampler
+    origins = target_origins(squeezed.phantom)
+    samples = draw_samples(UncertaintySettings(samples=12), varied.groups, "LCC", 2)
+    numbers = []
+    shifts = sampled_shifts(varied, origins, samples, numbers.append)
+    assert numbers == list(range(12))
+    shifts[3] = np.nan  # one that did not converge
+    rows = uncertainties(origins, {"CC": shifts}, {"CC": np.zeros_like(shifts)})
+    assert [row.name for row in rows] == ["middle", "up", "aside", "nipple"]
+    up, known = rows[1], np.delete(shifts, 3, axis=0)
+    assert up.samples == 11
+    assert up.shift_z_mm == pytest.approx(known[:, 1, 2].mean())
+    assert up.cov_xz_mm2 == pytest.approx(np.cov(known[:, 1, 0], known[:, 1, 2])[0, 1])
+    assert up.long_mm >= up.middle_mm >= up.short_mm > 0.0
+    misses = np.linalg.norm(known[:, 1] - known[:, -1], axis=1)
+    assert up.miss_mean_mm == pytest.approx(misses.mean())
+    assert up.miss_95_mm == pytest.approx(np.quantile(misses, 0.95))
+    assert np.isnan(rows[-1].miss_mean_mm)
+    assert np.isnan(uncertainties(origins, {"CC": shifts})[0].miss_mean_mm)
+    assert uncertainties(origins, {"CC": shifts[:4]}) == []
+    few = np.full_like(shifts, np.nan)
+    few[:3] = 0.0
+    assert np.isnan(uncertainties(origins, {"CC": shifts}, {"CC": few})[0].miss_mean_mm)
+
+
+def test_a_sample_without_equilibrium_is_not_counted(sampler, monkeypatch):
+    varied, squeezed = sampler
+    monkeypatch.setattr(varied, "field", lambda sample: None)
+    shifts = sampled_shifts(varied, target_origins(squeezed.phantom), [SpringSample({})])
+    assert np.isnan(shifts).all()
+
+
+# A run.
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return save_breast(tmp_path_factory.mktemp("user"))
+
+
+def table(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_run_tells_how_sure_it_is(folder):
+    targets = {"uncertainty": {"samples": 10}, "biopsy": {"view": "ML"}}
+    path = write(folder, targets=targets)
+    assert invoke("run", path, "--output", folder / "out").exit_code == 0
+    rows = table(folder / "out" / "uncertainty.csv")
+    assert [(row["name"], row["view"]) for row in rows] == [
+        (name, view) for view in ("CC", "MLO") for name in ("ball", "mark", "nipple")
+    ]
+    lesions = {(row["name"], row["view"]): row for row in table(folder / "out" / "lesions.csv")}
+    for row in rows:
+        seen = lesions[row["name"], row["view"]]
+        assert seen["ellipsoid_long_mm"] == row["long_mm"]
+        # The run's own shift is one of those that could have been.
+        away = [float(row[f"shift_{axis}_mm"]) - float(seen[f"shift_{axis}_mm"]) for axis in "xyz"]
+        assert np.linalg.norm(away) < float(row["long_mm"])
+    assert float(rows[0]["miss_95_mm"]) > 0.0
+    again = invoke("run", path, "--output", folder / "again")
+    assert again.exit_code == 0
+    for name in ("uncertainty.csv", "lesions.csv"):
+        assert (folder / "again" / name).read_bytes() == (folder / "out" / name).read_bytes()
+
+
+def test_samples_that_fail_are_told(folder, monkeypatch):
+    monkeypatch.setattr(SpringSampler, "field", lambda self, sample: None)
+    path = write(folder, "fail.yaml", views=["CC"], targets={"uncertainty": {"samples": 10}})
+    assert invoke("run", path, "--output", folder / "fail").exit_code == 0
+    said = (folder / "fail" / "run.json").read_text()
+    assert "LCC: 10 of 10 samples did not converge and were left out" in said
+    assert not (folder / "fail" / "uncertainty.csv").exists()
+
+
+BAD = [
+    ({"samples": 0}, {}, "targets.uncertainty.samples: found 0, expected greater than or equal to"),
+    ({"thickness_mm": -1}, {}, "targets.uncertainty.thickness_mm: found -1"),
+    ({}, {"model": "none"}, "CC has compression.model none; only springs can be varied"),
+    ({}, {"model": "hyperelastic"}, "CC has compression.model hyperelastic; only springs"),
+]
+
+
+@pytest.mark.parametrize(("uncertainty", "compression", "message"), BAD)
+def test_bad_settings_are_refused(uncertainty, compression, message, folder):
+    with pytest.raises(InputError, match=message):
+        load_config(
+            write(folder, "bad.yaml", compression=compression,
+                  targets={"uncertainty": uncertainty, "biopsy": {"view": "ML"}})
+        )  # fmt: skip
