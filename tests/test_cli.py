@@ -44,7 +44,7 @@ def test_a_run_leaves_every_file_of_the_contract(finished):
         "compressed.nii.gz", "displacement.nii.gz",
         "convergence.csv", "compression.json", "lattice.nii.gz", "geometry.json",
     }  # fmt: skip
-    expected = {"run.json", "config.yaml", "lesions.csv", "report.html"}
+    expected = {"run.json", "config.yaml", "lesions.csv", "view_rules.csv", "report.html"}
     expected |= {f"{name}/{file}" for name in ("LCC", "LMLO") for file in view}
     assert found == expected
 
