@@ -9,6 +9,8 @@ bits whatever the machine's vector width and number of threads.
 and the addition that follows it, which is twice as fast in stencils and keeps NaN and infinity as
 they are. `inlined_kernel` is for formulas that such kernels share; `sized_kernel` is the first two
 of these in one: sequential for small arrays.
+
+`one_blas_thread` is for stages that call BLAS: its sums depend on how many threads share them.
 """
 
 from __future__ import annotations
@@ -16,11 +18,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import wraps
 from types import FunctionType
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import llvmlite.binding
 import numba
 import numpy as np
+from threadpoolctl import threadpool_limits
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 llvmlite.binding.set_option("mammosim", "--runtime-memory-check-threshold=100")
 # A loop is made into vector instructions only if its arrays can be told apart before it runs. LLVM
@@ -89,3 +95,18 @@ def _renamed(function: Callable[..., Any], suffix: str) -> Callable[..., Any]:
     copy.__qualname__ = function.__qualname__ + suffix
     copy.__module__ = function.__module__
     return copy
+
+
+def one_blas_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Let BLAS use one thread while a function runs, so that its bits do not depend on more.
+
+    OpenBLAS splits a sum over its threads. What is left to BLAS is small (the multigrid's coarsest
+    level), so that one thread costs no time that could be measured.
+    """
+
+    @wraps(function)
+    def limited(*arguments: Arguments.args, **keys: Arguments.kwargs) -> Result:
+        with threadpool_limits(limits=1, user_api="blas"):
+            return function(*arguments, **keys)
+
+    return limited

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._jit import one_blas_thread
 from mammosim.acquisition._kernels import log_attenuation_kernel
 from mammosim.acquisition.coarse import CoarsePaths
 from mammosim.acquisition.dose import DoseFactors, dose_factors
@@ -23,6 +24,7 @@ COUNTS_PER_KEV_MM2 = 3.0e-5  # puts what exposure control aims at near 255 of 16
 CLEAR_OF_WHITE = 1.05  # room for noise above the brightest pixel of air
 
 
+@one_blas_thread
 def expose(paths: PathLengths, *, seed: int = 1, **keys: Any) -> Mammogram:
     """Expose a compressed breast and record its mammogram.
 

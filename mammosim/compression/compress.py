@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mammosim._jit import one_blas_thread
 from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.hyperelastic_model import compress_hyperelastic
 from mammosim.compression.settings import CompressionSettings
@@ -25,6 +26,7 @@ MODELS: dict[str, Callable[..., CompressedBreast]] = {
 """Mechanical models by the name a configuration gives them."""
 
 
+@one_blas_thread
 def compress(
     breast: BreastPhantom,
     view: str | View = "CC",

@@ -5,6 +5,7 @@ from mammosim.export.convert import Conversion, convert_volume
 from mammosim.export.dicom import write_dicom
 from mammosim.export.geometry import read_geometry, write_geometry
 from mammosim.export.identity import StudyIdentity
+from mammosim.export.learning import write_learning_pair
 from mammosim.export.lesion_masks import LesionMask, label_image, lesion_masks
 from mammosim.export.matlab import write_matlab
 from mammosim.export.measurements import write_measurements
@@ -68,6 +69,7 @@ __all__ = [
     "write_json",
     "write_labels",
     "write_lattice",
+    "write_learning_pair",
     "write_lesion_lengths_tiff",
     "write_lesion_tiff",
     "write_lesions",

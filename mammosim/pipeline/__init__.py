@@ -1,10 +1,16 @@
 """A whole run: the configuration's sections in order, and the calls in order."""
 
-from mammosim.pipeline.beforehand import check_before
+from mammosim.pipeline.beforehand import check_before, check_settings
 from mammosim.pipeline.lock import is_being_written, writing
 from mammosim.pipeline.plan import Plan, make_plan
 from mammosim.pipeline.run import Study, ViewResult, simulate
-from mammosim.pipeline.run_config import RunConfig, ViewSettings, load_config
+from mammosim.pipeline.run_config import (
+    RunConfig,
+    ViewSettings,
+    apply_change,
+    config_of,
+    load_config,
+)
 from mammosim.pipeline.save import RunFolder, check_output, is_finished, read_record, title_of
 
 __all__ = [
@@ -14,8 +20,11 @@ __all__ = [
     "Study",
     "ViewResult",
     "ViewSettings",
+    "apply_change",
     "check_before",
     "check_output",
+    "check_settings",
+    "config_of",
     "is_being_written",
     "is_finished",
     "load_config",

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from mammosim._jit import one_blas_thread
 from mammosim.acquisition import (
     Mammogram,
     Tomosynthesis,
@@ -77,6 +78,7 @@ class Study:
         return tuple(target for view in self.views.values() for target in view.targets)
 
 
+@one_blas_thread
 def simulate(config: RunConfig, output: RunFolder | None = None, tell: Tell | None = None) -> Study:
     """Make the mammograms that a configuration asks for.
 

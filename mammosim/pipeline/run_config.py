@@ -236,13 +236,33 @@ def load_config(path: str | os.PathLike[str], changes: Sequence[str] = ()) -> Ru
     values = _run_settings(read_yaml(path), path)
     _make_paths_absolute(values, Path(path).resolve().parent)
     for change in changes:
-        _apply(values, change)
-    _make_paths_absolute(values, Path.cwd())
+        apply_change(values, change)
+    return config_of(values, Path.cwd(), str(path))
+
+
+def config_of(values: dict[str, Any], folder: Path, where: str) -> RunConfig:
+    """Check plain values and make a configuration of them.
+
+    Parameters
+    ----------
+    values : dict
+        Plain values as YAML gives them; paths in them are made absolute in place.
+    folder : Path
+        What paths are relative to.
+    where : str
+        Where the values stand, for messages.
+
+    Raises
+    ------
+    InputError
+        With one line a mistake.
+    """
+    _make_paths_absolute(values, folder)
     try:
-        return to_settings(RunConfig, values, str(path))
+        return to_settings(RunConfig, values, where)
     except InputError as error:
         raise InputError(
-            line if line.startswith(str(path)) else f"{path}: {line}" for line in error.problems
+            line if line.startswith(where) else f"{where}: {line}" for line in error.problems
         ) from None
 
 
@@ -307,7 +327,8 @@ def _inside(values: Any, where: tuple[Any, ...]) -> Any:
     return values
 
 
-def _apply(values: dict[str, Any], change: str) -> None:
+def apply_change(values: dict[str, Any], change: str) -> None:
+    """Put ``section.key=value`` in place of what plain values say."""
     name, equals, text = change.partition("=")
     keys = name.strip().split(".")
     if not equals or not all(keys):

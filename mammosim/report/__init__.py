@@ -1,5 +1,6 @@
 """What a run says about itself: the record in run.json and the HTML page."""
 
+from mammosim.report.cohort_page import render_cohort
 from mammosim.report.page import ReportedView, render_report
 from mammosim.report.record import NOT_HASHED, Status, file_hash, run_hash, run_record
 from mammosim.report.references import REFERENCES, Reference, references_used
@@ -14,6 +15,7 @@ __all__ = [
     "Status",
     "file_hash",
     "references_used",
+    "render_cohort",
     "render_report",
     "run_hash",
     "run_record",

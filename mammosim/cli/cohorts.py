@@ -1,0 +1,106 @@
+"""Commands about cohorts: run, status."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mammosim.cli.terminal import UNCONVERGED, app, err, exit_status, out, plain
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from mammosim.cohort import Progress
+
+SECONDS_A_LINE = 10.0
+"""Between two lines of progress where there is no terminal."""
+
+MOST_REASONS = 20
+"""Failures that are printed; `failures.csv` has all."""
+
+cohort = typer.Typer(help="Many virtual patients from one file.", no_args_is_help=True)
+app.add_typer(cohort, name="cohort")
+
+
+@cohort.command("run")
+def run(
+    description: Annotated[
+        Path, typer.Argument(metavar="COHORT", help="A run's configuration with distributions.")
+    ],
+    output: Annotated[
+        Path | None, typer.Option(help="The cohort's folder; default runs/ and the file's name.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="A Dask scheduler; left out: this machine."),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Workers on this machine; left out: as many as fit.")
+    ] = None,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="SECTION.KEY=VALUE", help="Another value for a key."),
+    ] = None,
+    resume: Annotated[bool, typer.Option(help="Go on with what is in the folder.")] = False,
+) -> None:
+    """Make all patients of a cohort, and one table of all."""
+    with exit_status():
+        from mammosim.cohort import load_cohort, run_cohort
+        from mammosim.pipeline import check_output
+
+        described = load_cohort(description, change or ())
+        folder = output or Path("runs") / described.title
+        check_output(folder, resume, overwrite=False)
+        with _progress() as tell:
+            done = run_cohort(described, folder, scheduler=scheduler, workers=workers, tell=tell)
+        out.print(done.sentence(datetime.now()), highlight=False)
+        out.print(f"results in {folder}; open {folder / 'summary.html'}", highlight=False)
+        if done.failed:
+            err.print(f"{done.failed} patients failed: see {folder / 'failures.csv'}")
+            raise typer.Exit(UNCONVERGED)
+
+
+@cohort.command("status")
+def status(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A cohort's folder.")],
+) -> None:
+    """Tell what is in a cohort's folder."""
+    with exit_status():
+        from mammosim.cohort import cohort_status
+
+        found = cohort_status(folder)
+        progress = found.progress
+        if found.active:
+            out.print(f"at work: {progress.sentence(datetime.now())}", highlight=False)
+        else:
+            rest = progress.waiting
+            out.print(
+                f"{progress.done} of {progress.patients} done, {progress.failed} failed, "
+                f"{rest} not made" + ("; --resume goes on" if rest or progress.failed else ""),
+                highlight=False,
+            )
+        for index, reason in list(found.failures.items())[:MOST_REASONS]:
+            out.print(plain(f"patient {index}: {reason}"), highlight=False)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[Progress], None]]:
+    """One moving line on a terminal, a line now and then elsewhere."""
+    if err.is_terminal:
+        with err.status("starting workers") as line:
+            yield lambda progress: line.update(progress.sentence(datetime.now()))
+        return
+    last = monotonic() - SECONDS_A_LINE
+
+    def log(progress: Progress) -> None:
+        nonlocal last
+        if monotonic() - last >= SECONDS_A_LINE:
+            last = monotonic()
+            err.print(progress.sentence(datetime.now()), highlight=False)
+
+    yield log

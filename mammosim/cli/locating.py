@@ -1,0 +1,63 @@
+"""From pictures back to the breast: locate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+from mammosim.cli.terminal import app, exit_status, out, plain
+from mammosim.errors import InputError
+
+
+class _PixelPairs(TyperCommand):
+    """A command whose `--pixel` takes two numbers each time, which Typer's lists cannot say."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        joined, rest = [], list(args)
+        while rest:
+            joined.append(rest.pop(0))
+            if joined[-1] == "--pixel" and len(rest) > 1:
+                joined.append(f"{rest.pop(0)} {rest.pop(0)}")
+        return super().parse_args(ctx, joined)
+
+
+@app.command(cls=_PixelPairs)
+def locate(
+    run: Annotated[Path, typer.Argument(help="A finished run's folder.")],
+    view: Annotated[list[str], typer.Option(help="View that the next --pixel is in, as CC.")],
+    pixel: Annotated[list[str], typer.Option(metavar="ROW COL", help="Where it is seen; from 0.")],
+    height_mm: Annotated[
+        float | None, typer.Option(help="Height above the breast support, mm, where it is known.")
+    ] = None,
+    tube_angle: Annotated[
+        list[float] | None,
+        typer.Option(help="Tube's angle of each picture, degrees: a stereotactic pair is -15, 15."),
+    ] = None,
+    step_mm: Annotated[
+        float, typer.Option(min=0.1, max=50.0, help="Of the curve that one pixel gives, mm.")
+    ] = 5.0,
+) -> None:
+    """From one or two mammograms back to the uncompressed breast.
+
+    One pixel gives the curve of points that it may show, with --height-mm a point; two of
+    different views, or of one view under two tube angles, the point where they meet.
+    """
+    with exit_status():
+        from mammosim.pipeline.locating import locate_lines
+
+        pixels = [_pixel(text) for text in pixel]
+        for line in locate_lines(run, view, pixels, tube_angle, height_mm, step_mm):
+            out.print(plain(line), highlight=False)
+
+
+def _pixel(text: str) -> tuple[float, float]:
+    try:
+        row, column = (float(word) for word in text.split())
+    except ValueError:
+        raise InputError(
+            f"--pixel: found '{text}', expected row and column, as 812.5 340"
+        ) from None
+    return row, column

@@ -1,0 +1,158 @@
+"""Commands about one run: new, run, check, schema."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import contextmanager
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from mammosim.cli.progress import progress
+from mammosim.cli.terminal import app, exit_status, out, plain
+from mammosim.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mammosim.pipeline import Study
+
+
+@app.command()
+def new(name: Annotated[str, typer.Argument(help="Name of the example, as quickstart.")]) -> None:
+    """Write a commented example configuration into the current folder."""
+    with exit_status(), _examples() as folder:
+        examples = sorted(path.stem for path in folder.glob("*.yaml"))
+        if name not in examples:
+            raise InputError(f"new: found '{name}', expected one of {', '.join(examples)}")
+        target = Path(f"{name}.yaml")
+        try:
+            with target.open("x", encoding="utf-8") as stream:
+                stream.write((folder / target.name).read_text(encoding="utf-8"))
+        except FileExistsError:
+            raise InputError(f"{target}: exists already; remove it first") from None
+        except OSError as error:
+            raise InputError(f"{target}: cannot be written ({error.strerror})") from None
+        out.print(f"wrote {target}; run it with: mammosim run {target}")
+
+
+@contextmanager
+def _examples() -> Iterator[Path]:
+    """Folder of the example configurations: in the package, or beside it in a checkout."""
+    inside = files("mammosim").joinpath("configs")
+    if inside.is_dir():
+        with as_file(inside) as folder:
+            yield folder
+    else:
+        yield Path(__file__).parents[2] / "configs"
+
+
+@app.command()
+def run(
+    config: Annotated[Path, typer.Argument(help="The configuration, a YAML file.")],
+    output: Annotated[
+        Path | None, typer.Option(help="The run's folder; default runs/ and the file's name.")
+    ] = None,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="SECTION.KEY=VALUE", help="Another value for a key."),
+    ] = None,
+    resume: Annotated[
+        bool,
+        typer.Option(help="Go on with what is there; do nothing if the same run is finished."),
+    ] = False,
+    overwrite: Annotated[
+        bool, typer.Option(help="Replace what is in the folder; stages that still hold are kept.")
+    ] = False,
+    reuse: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="RUN", help="Folder of another run, to take stages from that fit."),
+    ] = None,
+) -> None:
+    """Run the whole pipeline."""
+    with exit_status():
+        from mammosim.pipeline import (
+            RunFolder,
+            check_output,
+            is_finished,
+            load_config,
+            simulate,
+            title_of,
+            writing,
+        )  # fmt: skip
+
+        title = title_of(config)
+        folder = output or Path("runs") / title
+        check_output(folder, resume, overwrite)
+        settings = load_config(config, change or ())
+        with writing(folder):
+            if resume and is_finished(folder, settings):
+                out.print(f"{folder}: this run is finished already")
+                return
+            saved = RunFolder(folder, settings, title, reuse or ())
+            with progress() as tell:
+                study = simulate(settings, saved, tell)
+        _print_summary(study, folder)
+        if saved.stages.reused:
+            kept = ", ".join(saved.stages.reused)
+            out.print(f"kept from before: {kept}", highlight=False)
+
+
+def _print_summary(study: Study, folder: Path) -> None:
+    table = Table(box=None, pad_edge=False)
+    for heading in ("view", "target", "shift mm", "row px", "column px", "in field"):
+        table.add_column(heading, justify="left" if heading in ("view", "target") else "right")
+    for row in study.targets:
+        table.add_row(
+            row.view, row.name, f"{row.shift_mm:.1f}", f"{row.image_row_px:.0f}",
+            f"{row.image_col_px:.0f}", "yes" if row.in_field else "no",
+        )  # fmt: skip
+    out.print(table)
+    for name, view in study.views.items():
+        if view.mammogram is not None:
+            taken = view.series or view.mammogram  # load and dose of all projections together
+            count = f"{len(view.series.gantries)} projections, " if view.series else ""
+            out.print(
+                f"{name}: {count}{view.squeezed.thickness_mm:.1f} mm, "
+                f"{view.squeezed.force_n:.1f} N, "
+                f"{view.mammogram.kvp:g} kV {view.mammogram.target}/{view.mammogram.filter}, "
+                f"{taken.mas:.0f} mAs, {taken.dose_mgy:.2f} mGy",
+                highlight=False,
+            )
+    out.print(f"results in {folder}; open {folder / 'report.html'}", highlight=False)
+
+
+@app.command()
+def check(
+    config: Annotated[Path, typer.Argument(help="The configuration, a YAML file.")],
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="SECTION.KEY=VALUE", help="Another value for a key."),
+    ] = None,
+) -> None:
+    """Validate a configuration and print the plan, without computing anything."""
+    with exit_status():
+        from mammosim.pipeline import check_before, load_config, make_plan
+
+        settings = load_config(config, change or ())
+        plan = make_plan(settings)
+        check_before(settings)
+        for line in plan.lines:
+            out.print(plain(line), highlight=False)
+        out.print(
+            f"about {plan.memory_gb:.1f} GB of memory and {max(plan.minutes, 0.1):.1f} minutes "
+            "on two cores",
+            highlight=False,
+        )
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of the configuration."""
+    from mammosim.pipeline import RunConfig
+
+    sys.stdout.write(json.dumps(RunConfig.model_json_schema(), indent=2) + "\n")

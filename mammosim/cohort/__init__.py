@@ -1,0 +1,19 @@
+"""Many virtual patients from one file, on Dask: nothing lost, and the same whatever happens."""
+
+from mammosim.cohort.description import Cohort, load_cohort
+from mammosim.cohort.progress import Progress
+from mammosim.cohort.run import run_cohort
+from mammosim.cohort.settings import CohortSettings, DatasetSettings, SplitSettings
+from mammosim.cohort.status import CohortStatus, cohort_status
+
+__all__ = [
+    "Cohort",
+    "CohortSettings",
+    "CohortStatus",
+    "DatasetSettings",
+    "Progress",
+    "SplitSettings",
+    "cohort_status",
+    "load_cohort",
+    "run_cohort",
+]

@@ -1,0 +1,136 @@
+"""Workers of Dask: a cluster on this machine, or one that is there already."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import dask
+from dask.system import CPU_COUNT
+from distributed import Client, LocalCluster
+
+from mammosim.errors import InputError
+from mammosim.phantom.memory import available_bytes
+
+CONNECT_S = 20.0
+"""For a scheduler to answer, or to come back, before it is given up, s."""
+
+THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS",
+                    "OPENBLAS_NUM_THREADS")  # fmt: skip
+
+QUIET = {
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    # A worker that paused would never go on: what a finished patient leaves is freed late.
+    "distributed.worker.memory.pause": False,
+    "distributed.admin.system-monitor.gil.enabled": False,
+}
+"""Of Dask's configuration, for workers of our own: they hold one patient and no data of Dask's."""
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Workers of a cohort, and each one's share of the machine.
+
+    Parameters
+    ----------
+    count : int
+        Local workers to start.
+    threads : int
+        Threads of each.
+    memory_gb : float
+        Memory of each, GB.
+    """
+
+    count: int
+    threads: int
+    memory_gb: float
+
+
+def share_machine(
+    patient_gb: float, patients: int, wanted: int | None, memory_gb: float | None
+) -> Workers:
+    """How many local workers there is room for, and what each may take.
+
+    Parameters
+    ----------
+    patient_gb : float
+        Memory that the largest patient takes, GB.
+    patients : int
+    wanted : int, optional
+        Number of workers asked for; fewer are started where memory is short. Left out: one a
+        processor.
+    memory_gb : float, optional
+        Memory of all together; left out: what is free.
+
+    Raises
+    ------
+    InputError
+        If not even one patient fits.
+    """
+    free = available_bytes()
+    room_gb = min(memory_gb or float("inf"), free / 1e9 if free is not None else float("inf"))
+    if patient_gb > room_gb:
+        raise InputError(
+            f"a patient takes about {patient_gb:.2g} GB of memory, but {room_gb:.2g} GB are to be "
+            "had: take larger voxels or pixels, a coarser lattice, or another machine"
+        )
+    fit = int(room_gb // patient_gb) if room_gb < float("inf") else CPU_COUNT
+    count = max(1, min(wanted or CPU_COUNT, fit, patients))
+    memory = room_gb / count if room_gb < float("inf") else float("inf")
+    return Workers(count, max(1, CPU_COUNT // count), memory)
+
+
+@contextmanager
+def local_client(workers: Workers) -> Iterator[Client]:
+    """A client of workers started on this machine, each a process that makes one patient."""
+    environment = dict.fromkeys(THREAD_VARIABLES, str(workers.threads))
+    limit = 0 if workers.memory_gb == float("inf") else int(workers.memory_gb * 1e9)
+    with dask.config.set(QUIET), LocalCluster(
+        n_workers=workers.count, threads_per_worker=1, processes=True, memory_limit=limit,
+        dashboard_address=None, env=environment, silence_logs=logging.CRITICAL,
+    ) as cluster, Client(cluster) as client:  # fmt: skip
+        yield client
+
+
+@contextmanager
+def remote_client(address: str) -> Iterator[Client]:
+    """A client of a scheduler that is there already.
+
+    Raises
+    ------
+    InputError
+        If nothing answers at the address.
+    """
+    try:
+        client = Client(address, timeout=CONNECT_S)
+    except (OSError, ValueError, TimeoutError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"--scheduler {address}: no scheduler answers ({reason})") from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is said by us
+    with client:
+        yield client
+
+
+def shares(client: Client) -> tuple[int, float]:
+    """Threads and memory (GB) that every worker of a running cluster has for itself.
+
+    The processors of a host are shared out among its workers; the smallest share holds for all.
+    """
+    workers = client.scheduler_info(n_workers=-1)["workers"]
+    on_host = Counter(worker["host"] for worker in workers.values())
+    threads = [
+        processors // on_host[workers[address]["host"]]
+        for address, processors in client.run(_processors).items()
+        if address in workers
+    ]
+    limits = [worker["memory_limit"] / 1e9 for worker in workers.values()]
+    limits = [limit for limit in limits if limit > 0]
+    return max(1, min(threads, default=1)), min(limits, default=float("inf"))
+
+
+def _processors() -> int:
+    return int(CPU_COUNT)

@@ -1,0 +1,238 @@
+"""A whole cohort: patients handed to workers, one each, until all are done or have failed."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from distributed import Client, Future, KilledWorker
+
+from mammosim.cohort.cluster import local_client, remote_client, share_machine, shares
+from mammosim.cohort.dataset import FOLDER as DATASET
+from mammosim.cohort.dataset import check_exports, write_manifest
+from mammosim.cohort.description import Cohort
+from mammosim.cohort.patient import Outcome, Patient, make_patient, note_failure
+from mammosim.cohort.progress import Progress
+from mammosim.cohort.status import PROGRESS, RECORD, patient_folder
+from mammosim.cohort.table import write_tables
+from mammosim.errors import InputError, Interrupted
+from mammosim.export import write_json
+from mammosim.pipeline import check_settings, make_plan, writing
+
+Tell = Callable[[Progress], None]
+
+FIRST_PATIENTS = 50
+"""Patients that are checked and whose memory is estimated before any is begun."""
+
+POLL_S = 0.5
+"""Between two looks at what has been finished, s."""
+
+NOTE_S = 5.0
+"""Between two notes of the progress in the cohort's folder, s."""
+
+
+def run_cohort(
+    cohort: Cohort,
+    folder: str | os.PathLike[str],
+    *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    tell: Tell | None = None,
+) -> Progress:
+    """Make all patients of a cohort that are not there yet, and the tables of all.
+
+    Parameters
+    ----------
+    cohort : Cohort
+        From `load_cohort`.
+    folder : path
+        The cohort's folder; a patient that is finished there, with every file unharmed, is kept.
+    scheduler : str, optional
+        Address of a Dask scheduler; left out: workers are started on this machine.
+    workers : int, optional
+        Number of local workers; left out: one a processor, as far as memory goes.
+    tell : callable, optional
+        Told of progress.
+
+    Returns
+    -------
+    Progress
+        At the end; patients that failed are in `failures.csv`.
+
+    Raises
+    ------
+    InputError
+        If no patient can be made, or the folder cannot be written or is in use.
+    Interrupted
+        If the scheduler is lost. What was finished is kept, and the next start goes on.
+    """
+    path = Path(folder)
+    patient_gb = _checked(cohort)
+    with writing(path):
+        write_json(path / RECORD, {
+            "title": cohort.title, "folder": str(cohort.folder),
+            "cohort_of": {**cohort.values, "seed": cohort.seed,
+                          "cohort": cohort.settings.model_dump(mode="json", exclude_none=True)},
+        })  # fmt: skip
+        with _client(cohort, scheduler, workers, patient_gb) as (client, threads, memory_gb):
+            work = _Work(cohort, path, client, threads, memory_gb, tell or (lambda progress: None))
+            outcomes = work.through()
+        _write_results(cohort, path, outcomes)
+        write_json(path / PROGRESS, asdict(work.progress))
+    return work.progress
+
+
+def _checked(cohort: Cohort) -> float:
+    """Memory of the largest of the first patients, GB; one that is faulty fails when it comes."""
+    needs: list[float] = []
+    problems: InputError | None = None
+    for patient in range(min(cohort.patients, FIRST_PATIENTS)):
+        try:
+            config = cohort.config_of(patient)
+            check_exports(config, cohort.settings.dataset, cohort.where)
+            check_settings(config)
+            needs.append(make_plan(config).memory_gb)
+        except InputError as error:
+            problems = problems or error
+    if problems is not None and not needs:
+        raise problems
+    return max(needs)
+
+
+@contextmanager
+def _client(
+    cohort: Cohort, scheduler: str | None, workers: int | None, patient_gb: float
+) -> Iterator[tuple[Client, int, float]]:
+    """A client, and the threads and memory (GB) of each of its workers."""
+    if scheduler is not None:
+        with remote_client(scheduler) as client:
+            yield (client, *shares(client))
+        return
+    share = share_machine(patient_gb, cohort.patients, workers, cohort.settings.memory_gb)
+    with local_client(share) as client:
+        yield client, share.threads, share.memory_gb
+
+
+class _Work:
+    """Patients on their way through the workers, as many at a time as there are workers."""
+
+    def __init__(
+        self, cohort: Cohort, folder: Path, client: Client, threads: int, memory_gb: float,
+        tell: Tell,
+    ) -> None:  # fmt: skip
+        self.progress = Progress(cohort.patients)
+        self._cohort, self._folder, self._client, self._tell = cohort, folder, client, tell
+        self._share = (threads, memory_gb)
+        self._waiting = iter(range(cohort.patients))
+        self._again: list[int] = []
+        self._begun: dict[int, int] = {}
+        self._running: dict[Future, int] = {}
+        self._woken = threading.Event()
+        self._start, self._noted = time.monotonic(), 0.0
+
+    def through(self) -> list[Outcome]:
+        """Work until every patient is done or has failed."""
+        outcomes: list[Outcome] = []
+        self._submit()
+        while self._running or self.progress.waiting:
+            for index, future in self._finished():
+                outcome = self._outcome(index, future)
+                if outcome is not None:
+                    outcomes.append(outcome)
+                    self._count(outcome)
+            self._submit()
+            self._say()
+        self._say(last=True)
+        return sorted(outcomes, key=lambda outcome: outcome.index)
+
+    def _submit(self) -> None:
+        """One patient to each worker that has none."""
+        if self._client.status != "running":  # on its way back, or lost
+            self._check_scheduler()
+            return
+        try:
+            room = len(self._client.nthreads())
+        except (OSError, TimeoutError):
+            return  # its state tells at the next turn
+        self.progress = replace(self.progress, workers=room)
+        while len(self._running) < room:
+            index = self._again.pop() if self._again else next(self._waiting, None)
+            if index is None:
+                break
+            self._begun[index] = self._begun.get(index, 0) + 1
+            key = f"patient-{index}-{self._begun[index]}-{os.getpid()}-{self._start}"
+            future = self._client.submit(make_patient, self._patient(index), key=key, pure=False)
+            future.add_done_callback(lambda _: self._woken.set())
+            self._running[future] = index
+        self.progress = replace(self.progress, running=len(self._running))
+
+    def _patient(self, index: int) -> Patient:
+        cohort, (threads, memory_gb) = self._cohort, self._share
+        return Patient(
+            index, cohort.values_of(index), str(cohort.folder), cohort.where,
+            str(patient_folder(self._folder, index).absolute()), threads, memory_gb,
+            cohort.settings.keep_stages, cohort.settings.dataset,
+            str((self._folder / DATASET).absolute()),
+        )  # fmt: skip
+
+    def _finished(self) -> list[tuple[int, Future]]:
+        self._woken.wait(POLL_S)
+        self._woken.clear()
+        done = [future for future in self._running if future.status != "pending"]
+        return [(self._running.pop(future), future) for future in done]
+
+    def _outcome(self, index: int, future: Future) -> Outcome | None:
+        """What came of a patient; None where it is begun again."""
+        if future.status == "finished":
+            outcome: Outcome = future.result()
+            return outcome
+        if future.status != "error":  # cancelled or lost with its scheduler
+            self._again.append(index)
+            self._check_scheduler()
+            return None
+        error = future.exception()
+        if isinstance(error, KilledWorker):
+            if self._begun[index] < self._cohort.settings.attempts:
+                self._again.append(index)
+                return None
+            error = RuntimeError("its worker died each time, as of too little memory")
+        failed = Outcome(index, str(error) or type(error).__name__, type(error).__name__)
+        note_failure(patient_folder(self._folder, index), failed)
+        return failed
+
+    def _check_scheduler(self) -> None:
+        if self._client.status == "closed":
+            raise Interrupted(
+                f"the scheduler does not answer any more; {self.progress.done} of "
+                f"{self.progress.patients} patients are done, --resume goes on", self.progress
+            )  # fmt: skip
+
+    def _count(self, outcome: Outcome) -> None:
+        key = "failed" if outcome.failed else "found" if outcome.found else "made"
+        more = {key: getattr(self.progress, key) + 1}
+        self.progress = replace(self.progress, **more, running=len(self._running))
+
+    def _say(self, last: bool = False) -> None:
+        now = time.monotonic()
+        self.progress = replace(self.progress, seconds=now - self._start)
+        self._tell(self.progress)
+        if now - self._noted > NOTE_S and not last:
+            self._noted = now
+            write_json(self._folder / PROGRESS, asdict(self.progress))
+
+
+def _write_results(cohort: Cohort, folder: Path, outcomes: list[Outcome]) -> None:
+    """Tables, summary page and manifest, of what is there."""
+    finished = [
+        (outcome.index, patient_folder(folder, outcome.index))
+        for outcome in outcomes
+        if not outcome.failed
+    ]
+    write_tables(cohort, folder, finished, [outcome for outcome in outcomes if outcome.failed])
+    if cohort.settings.dataset is not None:
+        write_manifest(cohort, folder / DATASET, finished)
