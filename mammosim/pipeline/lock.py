@@ -78,8 +78,9 @@ def _locked(path: Path, until: float) -> int | None:
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         if _take(handle):
             if _is_still(path, handle):
-                os.ftruncate(handle, 0)
-                os.write(handle, f"process {os.getpid()} on {platform.node()}".encode())
+                with contextlib.suppress(OSError):  # on a full disk the lock holds, unsigned
+                    os.ftruncate(handle, 0)
+                    os.write(handle, f"process {os.getpid()} on {platform.node()}".encode())
                 return handle
             os.close(handle)  # its last owner removed it meanwhile: take the new one
             continue

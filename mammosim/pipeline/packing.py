@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression import CompressedBreast, DisplacementField
-from mammosim.geometry import View, VoxelFrame
-from mammosim.phantom import BreastPhantom, Landmark, Lesion
+from mammosim.compression import CompressedBreast
 
-RECORDS: dict[str, type[Any]] = {
-    kind.__name__: kind
-    for kind in (
-        BreastPhantom, CompressedBreast, DisplacementField, Landmark, Lesion, View, VoxelFrame,
-    )
-}  # fmt: skip
+
+def _records_in(kind: Any, found: dict[str, type[Any]]) -> dict[str, type[Any]]:
+    """The dataclasses that a type's fields may hold, itself among them."""
+    if isinstance(kind, type) and is_dataclass(kind) and kind.__name__ not in found:
+        found[kind.__name__] = kind
+        for hint in get_type_hints(kind).values():
+            _records_in(hint, found)
+    for argument in get_args(kind):
+        _records_in(argument, found)
+    return found
+
+
+RECORDS: dict[str, type[Any]] = _records_in(CompressedBreast, {})
 """What may be made again from a file: nothing but these, and plain values."""
 
 _PLAIN = (bool, int, float, str)
