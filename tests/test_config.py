@@ -73,6 +73,12 @@ def test_a_section_must_be_a_mapping(values):
         to_settings(Outer, values, "f", ("section",))
 
 
+@pytest.mark.parametrize("key", ["Names", "float", "literal[x", "", "None"])
+def test_unknown_keys_may_look_like_anything(key):
+    with pytest.raises(InputError, match="unknown key; known keys: kind, length_mm"):
+        to_settings(Inner, {key: 1}, "f")
+
+
 def test_unknown_key_without_a_near_one_lists_the_known():
     with pytest.raises(InputError, match="zzz: unknown key; known keys: kind, length_mm"):
         to_settings(Inner, {"zzz": 1}, "f")
@@ -89,6 +95,8 @@ def test_missing_file():
         ("a: [1, 2", r"line \d+: not valid YAML"),
         ("a: 1\na: 2", r"line \d+: not valid YAML"),
         ("a: !!python/object/apply:os.system [ls]", "not valid YAML"),
+        ("? [1, 2]\n: 3", "not plain YAML"),
+        ("2024-05-01: 3", "not plain YAML"),
         ("a: &x [*x]", r"an alias that refers to itself"),
         (
             "a: &a [x, x, x, x, x, x, x, x, x]\n"

@@ -91,7 +91,8 @@ class Normal(Settings):
         mean, deviation = self.normal
         low, high = self.within or (-np.inf, np.inf)
         a, b = (low - mean) / deviation, (high - mean) / deviation
-        value = float(truncnorm.ppf(rng.random(), a, b, loc=mean, scale=deviation))
+        with np.errstate(over="ignore"):  # infinity is refused where the value is used
+            value = float(truncnorm.ppf(rng.random(), a, b, loc=mean, scale=deviation))
         return _rounded(min(max(value, low), high), self.decimals)
 
 

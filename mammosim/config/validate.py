@@ -69,7 +69,12 @@ def _as_plain(value: Any) -> Any:
 
 
 def _sentence(kind: type[Settings], item: Any, where: str, prefix: tuple[str, ...]) -> str:
-    location = tuple(str(part) for part in item["loc"] if not _is_union_tag(part))
+    # An unknown key is the user's own, whatever it looks like.
+    own = len(item["loc"]) - 1 if item["type"] == "extra_forbidden" else len(item["loc"])
+    location = tuple(
+        str(part) for place, part in enumerate(item["loc"])
+        if place >= own or not _is_union_tag(part)
+    )  # fmt: skip
     path = ".".join((*prefix, *location)) or "top level"
     if item["type"] == "extra_forbidden":
         known = _known_keys(kind, item["loc"][:-1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -59,24 +60,32 @@ def _parse(text: str, where: str) -> Any:
         raise InputError(f"{where}{line}: not valid YAML ({error.problem})") from None
     except (YAMLError, ValueError, RecursionError) as error:
         raise InputError(f"{where}: not valid YAML ({str(error).splitlines()[0]})") from None
-    if _count(value, MOST_VALUES) > MOST_VALUES:
+    if not all(_has_plain_keys(item) for item in _walk(value, MOST_VALUES)):
+        raise InputError(f"{where}: not plain YAML (a key is a list, a mapping or a date)")
+    if sum(1 for _ in _walk(value, MOST_VALUES)) > MOST_VALUES:
         raise InputError(
             f"{where}: more than {MOST_VALUES} values, or an alias that refers to itself"
         )
     return value
 
 
-def _count(value: Any, most: int) -> int:
-    """Number of values with all aliases followed, counted no further than just above `most`."""
+def _walk(value: Any, most: int) -> Iterator[Any]:
+    """All values with aliases followed, no further than just above `most` of them."""
     waiting, count = [value], 0
     while waiting and count <= most:
         item = waiting.pop()
         count += 1
+        yield item
         if isinstance(item, dict):
             waiting.extend(item.values())
         elif isinstance(item, list | tuple | set):
             waiting.extend(item)
-    return count
+
+
+def _has_plain_keys(item: Any) -> bool:
+    return not isinstance(item, dict) or all(
+        key is None or isinstance(key, str | int | float) for key in item
+    )
 
 
 def write_yaml(value: Any, path: str | os.PathLike[str]) -> None:

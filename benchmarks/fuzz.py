@@ -1,0 +1,368 @@
+"""Bad input, systematically: configurations, cohorts, phantom files and run folders with faults.
+
+    python benchmarks/fuzz.py [--configurations 100000] [--files 10000] [--seed 1]
+
+Every input is a sound one with a few things changed. Each must be used, or refused with an
+`InputError` whose lines say something. Counted as failures: any other exception, more than
+20 seconds, more memory than the size of the input allows, a file written, renamed or removed
+outside the sandbox, a process started, a connection made. Ends with status 1 if there are any.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import copy
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from make_run import invoke, save_breast, write
+from make_volumes import FORMATS, save, small_breast
+
+from mammosim.cohort import cohort_status, load_cohort
+from mammosim.config import read_yaml
+from mammosim.errors import InputError
+from mammosim.phantom import read_phantom
+from mammosim.pipeline import (
+    RunConfig,
+    RunFolder,
+    check_settings,
+    config_of,
+    is_finished,
+    load_config,
+    make_plan,
+)
+from mammosim.pipeline.locating import locate_lines
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+MOST_SECONDS = 20
+SPARE_BYTES = 24 << 20
+"""Buffers of readers and libraries, beside a quarter more than an input honestly needs."""
+
+HOSTILE: list[Any] = [
+    None, True, False, 0, -1, 1, 2**31, 2**63, 10**400, -0.0, 1e-300, 1e308, float("nan"),
+    float("inf"), "", " ", "nan", "1", "\0", "é½", "a" * 10_000, "../../../etc/passwd", "/dev/zero",
+    "/dev/full", "/proc/self/mem", ".", "/", "~root/.ssh", "x.npy", "http://localhost/x.nrrd",
+    "file:///etc/passwd", "{{ 7 * 7 }}", "%s%s%n", "$(touch pwned)", "`touch pwned`", "!!python/x",
+    "__import__('os').system('touch pwned')", [], [[]], [None], {}, {"": {}}, {"__class__": "x"},
+    {"choice": [1, "a"]}, {"uniform": [1, 2]}, {"normal": [1, 1e308]}, {"column": "x"},
+    {"choice": [], "weights": [1e308, 1e308]}, [1, 2, 3], [1e308] * 3, "L", "CC", ["CC"], "dense",
+]  # fmt: skip
+
+TEXTS = [
+    "!!python/object/apply:os.system ['touch pwned']", "!!python/name:os.system", "&a [*a]", "*b",
+    "<<: *b", "!!binary AAAA", "!!set {a}", "? [a]", "--- 1\n--- 2", "\t", "{", "}", "[", "'", '"',
+    "|\n", ">\n", "%YAML 9.9", "\x00", "\ufeff", "\u2028", "0x", "1_000", "1e", ": :", "- -", "@",
+]  # fmt: skip
+
+SANDBOX = Path(tempfile.mkdtemp()).resolve()
+strangers: list[str] = []
+"""What was done that no input may do."""
+
+
+class Hang(BaseException):
+    """More than `MOST_SECONDS`."""
+
+
+def main() -> None:
+    """Try as many as asked for, and say what was found."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--configurations", type=int, default=100_000)
+    parser.add_argument("--files", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=1)
+    wanted = parser.parse_args()
+    rng = random.Random(wanted.seed)
+    try:
+        os.chdir(SANDBOX)
+        sound = Sound(SANDBOX / "sound")
+        signal.signal(signal.SIGALRM, _hang)
+        sys.addaudithook(_watch)
+        failures = 0
+        kinds = {
+            "configurations": (try_values, try_text, try_cohort),
+            "files": (try_phantom, try_phantom, try_run_folder, try_cohort_folder),
+        }
+        for kind, count in (("configurations", wanted.configurations), ("files", wanted.files)):
+            start, counts = time.monotonic(), collections.Counter[str]()
+            for number in range(count):
+                trial = kinds[kind][number % len(kinds[kind])]
+                failures += attempt(trial, sound, rng, counts, f"{kind} {number}")
+            print(f"{count} {kind} in {time.monotonic() - start:.0f} s: {dict(counts)}", flush=True)
+    finally:
+        shutil.rmtree(SANDBOX, ignore_errors=True)
+    print(f"{failures} failures")
+    sys.exit(1 if failures else 0)
+
+
+class Sound:
+    """Sound inputs, that faults are put into."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir()
+        self.run_values = [
+            read_yaml(CONFIGS / f"{name}.yaml") for name in ("quickstart", "own_phantom", "victre")
+        ]
+        self.cohort_values = read_yaml(CONFIGS / "cohort.yaml")
+        self.texts = [path.read_text() for path in sorted(CONFIGS.glob("*.yaml"))]
+        self.schema = RunConfig.model_json_schema()
+        self.phantoms: list[tuple[str, dict[str, bytes]]] = []
+        for number, suffix in enumerate(FORMATS):
+            place = folder / f"phantom{number}"
+            place.mkdir()
+            name = f"b.{suffix.lstrip('.')}"
+            save(place / name, small_breast())
+            self.phantoms.append((name, _contents(place)))
+        self.config = write(save_breast(folder), views=["CC"])
+        self.settings = load_config(self.config)
+        result = invoke("run", self.config, "--output", folder / "run")
+        if result.exit_code:
+            raise RuntimeError(result.output)
+        self.run = _contents(folder / "run")
+
+
+def attempt(
+    trial: Callable[[Sound, random.Random], int],
+    sound: Sound,
+    rng: random.Random,
+    counts: collections.Counter[str],
+    name: str,
+) -> int:
+    """One input; 1 if something happened that must not."""
+    state = rng.getstate()
+    signal.setitimer(signal.ITIMER_REAL, MOST_SECONDS)
+    said = ""
+    try:
+        allowed = trial(sound, rng)
+        counts["used" if allowed >= 0 else "refused"] += 1
+    except InputError as error:
+        counts["refused"] += 1
+        if not error.problems or not all(line.strip() for line in error.problems):
+            said = "an error that says nothing"
+    except Hang:
+        said = f"more than {MOST_SECONDS} s"
+    except BaseException:
+        said = traceback.format_exc(limit=-4)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    if strangers:
+        said += f" {strangers}"
+        strangers.clear()
+    if said:
+        digest = hash(state) & 0xFFFFFFFF
+        print(f"FAILED {name} ({trial.__name__}, state {digest:08x}): {said}", flush=True)
+    return 1 if said else 0
+
+
+def try_values(sound: Sound, rng: random.Random) -> int:
+    """A run's configuration with some values, keys or sections changed."""
+    values = copy.deepcopy(rng.choice(sound.run_values))
+    for _ in range(rng.choice((1, 1, 1, 2, 4))):
+        _change(values, rng, sound)
+    config = config_of(values, SANDBOX, "fuzz.yaml")
+    make_plan(config)
+    if rng.random() < 0.02:
+        check_settings(config)
+    return 0
+
+
+def try_text(sound: Sound, rng: random.Random) -> int:
+    """A file whose text is changed."""
+    path = SANDBOX / "text.yaml"
+    path.write_bytes(_changed_text(rng.choice(sound.texts), rng))
+    load_config(path)
+    return 0
+
+
+def try_cohort(sound: Sound, rng: random.Random) -> int:
+    """A cohort's values, drawn for one patient."""
+    values = copy.deepcopy(sound.cohort_values)
+    for _ in range(rng.choice((1, 1, 2))):
+        _change(values, rng, sound)
+    path = SANDBOX / "cohort.json"
+    try:
+        path.write_text(json.dumps(values))
+    except (ValueError, TypeError):
+        return 0
+    cohort = load_cohort(path)
+    cohort.config_of(rng.randrange(cohort.patients))
+    return 0
+
+
+def try_phantom(sound: Sound, rng: random.Random) -> int:
+    """A phantom file with some bytes changed, cut off or added; its memory is watched."""
+    name, contents = rng.choice(sound.phantoms)
+    folder = _fresh("phantom")
+    _write_faulty(folder, contents, rng)
+    tracemalloc.start()
+    try:
+        breast = read_phantom(folder / name)
+        honest = breast.labels.nbytes * 10
+    except InputError:
+        honest = 0
+        raise
+    finally:
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        if peak > 1.25 * sum(map(len, contents.values())) * 20 + SPARE_BYTES:
+            strangers.append(f"{peak / 1e6:.0f} MB of memory")
+    return honest
+
+
+def try_run_folder(sound: Sound, rng: random.Random) -> int:
+    """A run's folder with a faulty file, given to `--resume` and to `locate`."""
+    folder = _fresh("run")
+    _write_faulty(folder, sound.run, rng)
+    if rng.random() < 0.5:
+        locate_lines(folder, ["CC"], [(rng.uniform(0, 300), rng.uniform(0, 200))])
+        return 0
+    if not is_finished(folder, sound.settings):
+        kept = RunFolder(folder, sound.settings).stages
+        view = _View()
+        kept.compression(sound.settings, sound.settings.compression, None, view, lambda: None)  # type: ignore[arg-type, return-value]
+    if (folder / "run.json").exists():
+        load_config(folder / "run.json")
+    return 0
+
+
+def try_cohort_folder(sound: Sound, rng: random.Random) -> int:
+    """A cohort's folder with a faulty record, given to `cohort status`."""
+    folder = _fresh("cohort")
+    values = {"cohort": {"patients": 3}, **copy.deepcopy(sound.run_values[0])}
+    record = {"title": "fuzz", "folder": str(SANDBOX), "cohort_of": values}
+    contents = {
+        "cohort.json": json.dumps(record).encode(),
+        "progress.json": b'{"patients": 3, "made": 1, "workers": 2, "seconds": 3.5}',
+        "patients/000000/run.json": sound.run["run.json"],
+        "patients/000001/failure.json": b'{"kind": "InputError", "reason": "too small"}',
+    }
+    _write_faulty(folder, contents, rng)
+    cohort_status(folder)
+    return 0
+
+
+class _View:
+    """What the kept stages ask of a view."""
+
+    folder, name, laterality, mlo_angle_deg, tomosynthesis = "LCC", "CC", "L", 45.0, False
+
+
+def _change(values: Any, rng: random.Random, sound: Sound) -> None:
+    """One fault somewhere in plain values."""
+    places = []
+
+    def walk(block: Any) -> None:
+        items = block.items() if isinstance(block, dict) else enumerate(block)
+        for key, value in list(items):
+            places.append((block, key))
+            if isinstance(value, dict | list):
+                walk(value)
+
+    walk(values)
+    block, key = rng.choice(places)
+    what = rng.random()
+    if what < 0.5:
+        block[key] = copy.deepcopy(rng.choice(HOSTILE))
+    elif what < 0.6:
+        del block[key]
+    elif what < 0.8:
+        section = rng.choice(sorted(sound.schema["$defs"]))
+        name = rng.choice(sorted(sound.schema["$defs"][section].get("properties", {"x": 0})))
+        target = block if isinstance(block, dict) else values
+        target[name] = copy.deepcopy(rng.choice(HOSTILE))
+    elif what < 0.9 and isinstance(block, dict):
+        block[_changed_text(str(key), rng).decode("utf-8", "replace")] = block.pop(key)
+    else:
+        block[key] = [copy.deepcopy(block[key])] * rng.randint(1, 3)
+
+
+def _changed_text(text: str, rng: random.Random) -> bytes:
+    return _spliced(text.encode("utf-8", "replace"), rng)
+
+
+def _spliced(content: bytes, rng: random.Random) -> bytes:
+    for _ in range(rng.randint(1, 4)):
+        at = rng.randrange(len(content) + 1)
+        piece = rng.choice(TEXTS).encode() if rng.random() < 0.7 else rng.randbytes(2)
+        content = content[:at] + piece + content[at + rng.choice((0, 0, 1, 5)) :]
+    return content
+
+
+def _write_faulty(folder: Path, contents: dict[str, bytes], rng: random.Random) -> None:
+    """Write files, one of them with a fault."""
+    faulty = rng.choice(sorted(contents))
+    for name, content in contents.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(_damaged(content, rng) if name == faulty else content)
+
+
+def _damaged(content: bytes, rng: random.Random) -> bytes:
+    what = rng.random()
+    if what < 0.15:
+        return content[: rng.randrange(len(content) + 1)]
+    if what < 0.25:
+        return content + rng.randbytes(rng.choice((1, 100, 10_000)))
+    if what < 0.45:  # words put into a header, where there is text
+        return _spliced(content, rng)
+    damaged = bytearray(content)
+    for _ in range(rng.randint(1, 6)):
+        if damaged:
+            end = rng.choice((min(400, len(damaged)), len(damaged)))
+            damaged[rng.randrange(end)] = rng.randrange(256)
+    return bytes(damaged)
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def _fresh(name: str) -> Path:
+    folder = SANDBOX / name
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    return folder
+
+
+def _hang(number: int, frame: Any) -> None:
+    raise Hang
+
+
+def _watch(event: str, arguments: tuple[Any, ...]) -> None:
+    """Audit hook: notes what no input may cause."""
+    if event in ("os.system", "os.exec", "os.fork", "os.posix_spawn", "subprocess.Popen",
+                 "socket.connect", "ctypes.dlopen", "webbrowser.open"):  # fmt: skip
+        strangers.append(f"{event} {arguments!r:.200}")
+    elif event == "open" and isinstance(arguments[0], str | bytes):
+        mode, flags = arguments[1] or "", arguments[2] or 0
+        writes = any(letter in mode for letter in "wax+") or flags & (os.O_WRONLY | os.O_RDWR)
+        if writes:
+            _inside(event, arguments[0])
+    elif event in ("os.remove", "os.rename", "os.mkdir", "os.rmdir", "os.symlink", "os.link",
+                   "os.truncate", "os.chmod", "os.chown", "shutil.rmtree"):  # fmt: skip
+        for path in arguments[:2]:
+            if isinstance(path, str | bytes | os.PathLike):
+                _inside(event, path)
+
+
+def _inside(event: str, path: Any) -> None:
+    real = os.path.realpath(os.fsdecode(path))
+    if not real.startswith(str(SANDBOX)) and "__pycache__" not in real and "numba" not in real:
+        strangers.append(f"{event} {real}")
+
+
+if __name__ == "__main__":
+    main()
