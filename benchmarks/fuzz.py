@@ -175,6 +175,7 @@ def try_values(sound: Sound, rng: random.Random) -> int:
     make_plan(config)
     if rng.random() < 0.02:
         check_settings(config)
+        RunFolder(SANDBOX / "out", config)
     return 0
 
 

@@ -27,15 +27,16 @@ COHORT = {
     "cohort": {"patients": 20, "dataset": {}},
     "phantom": {
         "generate": {
-            "voxel_mm": 2.5, "volume_ml": {"uniform": [200, 400]},
+            "voxel_mm": 3.0, "volume_ml": {"uniform": [200, 400]},
             "density": {"choice": ["fatty", "scattered", "heterogeneous", "dense"]},
         },
         "lesions": [
             {"name": "mass", "kind": "mass", "diameter_mm": {"normal": [9, 2], "within": [6, 14]}}
         ],
     },
-    "compression": {"resolution_mm": 4},
-    "projection": {"pixel_mm": 0.8},
+    "compression": {"resolution_mm": 5},
+    "projection": {"pixel_mm": 1.0},
+    "views": ["CC"],
     "laterality": {"choice": ["L", "R"]},
     "seed": 7,
 }  # fmt: skip
@@ -88,7 +89,8 @@ def killed_workers(folder: Path, kills: int) -> tuple[str, Path]:
                 record.unlink()
             starts += 1
             command = run(folder, output, "--workers", "2", "--resume")
-        time.sleep(rng.uniform(0.3, 1.5))
+        # As long between two kills as three patients take on average: all through the cohort.
+        time.sleep(rng.uniform(0.0, 3.0 * pace(folder)))
         owners = [owner for lock in output.glob("patients/*/.lock") if (owner := pid_in(lock))]
         if owners and kill(rng.choice(owners)):
             done += 1
@@ -207,6 +209,12 @@ def data_of(output: Path) -> dict[str, bytes]:
     lines = (output / "table.csv").read_text().splitlines()
     found["table.csv"] = "\n".join(line.rsplit(",", 5)[0] for line in lines).encode()
     return found
+
+
+def pace(folder: Path) -> float:
+    """Seconds a patient took in peace, on average."""
+    records = [json.loads(path.read_text()) for path in (folder / "peace").rglob("run.json")]
+    return sum(sum(record["stage_seconds"].values()) for record in records) / len(records)
 
 
 def finished(output: Path) -> int:

@@ -91,7 +91,7 @@ class Normal(Settings):
         mean, deviation = self.normal
         low, high = self.within or (-np.inf, np.inf)
         a, b = (low - mean) / deviation, (high - mean) / deviation
-        with np.errstate(over="ignore"):  # infinity is refused where the value is used
+        with np.errstate(over="ignore"):
             value = float(truncnorm.ppf(rng.random(), a, b, loc=mean, scale=deviation))
         return _rounded(min(max(value, low), high), self.decimals)
 
@@ -155,7 +155,7 @@ def stream(seed: int, patient: int, purpose: str) -> np.random.Generator:
 
 
 def _rounded(value: float, decimals: int | None) -> float | int:
-    if decimals is None:
+    if decimals is None or not np.isfinite(value):  # infinity is refused where it is used
         return value
     return round(value) if decimals == 0 else round(value, decimals)
 

@@ -190,12 +190,19 @@ class _Inputs:
     @classmethod
     def of(cls, config: RunConfig) -> _Inputs:
         named = [(where, Path(path)) for where, path in input_paths(config)]
-        files = [(where, path) for where, path in named if path.is_file()]
+        files = [(where, path) for where, path in named if _is_file(path)]
         labels = [path for where, path in files if where == ("phantom", "labels")]
         others = [path for where, path in files if where[0] != "phantom"]
         voxels = open_voxels(config.phantom.file).files if config.phantom.file else ()
         hashes = [tuple(file_hash(path) for path in part) for part in (labels, others, voxels)]
         return cls(*hashes)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:
+        return False  # no name that the system knows: said when the file is read
 
 
 def _hash_of(config: RunConfig, inputs: _Inputs) -> str:

@@ -51,9 +51,8 @@ def open_voxels(path: str | Path) -> VoxelFile:
         If the ending is not known or there is no such file, or the reader's own errors.
     """
     path = Path(path)
-    open_header = _reader_of(path)
     try:
-        return open_header(path)
+        return _reader_of(path)(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
 

@@ -1,0 +1,72 @@
+"""The documentation: its code runs, its pages are built and read without a network."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mammosim import load_config
+from mammosim.cohort import load_cohort
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = sorted([*DOCS.glob("tutorials/*.md"), *DOCS.glob("how-to/*.md")])
+BLOCK = re.compile(r"^```(\S[^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch):
+    """Blocks run one after the other; a block of YAML is saved where later ones look for it."""
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for kind, text in BLOCK.findall(page.read_text(encoding="utf-8")):
+        if kind == "python":
+            exec(compile(text, page.name, "exec"), names)
+        elif kind == "yaml":
+            cohort = text.startswith("cohort:")
+            path = tmp_path / ("cohort.yaml" if cohort else "own.yaml")
+            path.write_text(text, encoding="utf-8")
+            (load_cohort if cohort else load_config)(path)
+
+
+def test_commands_in_the_pages_exist():
+    from typer.main import get_command
+
+    from mammosim.cli import app
+
+    commands = get_command(app).commands
+    for page in PAGES:
+        for kind, text in BLOCK.findall(page.read_text(encoding="utf-8")):
+            if kind != "console":
+                continue
+            for line in text.splitlines():
+                words = line.split()
+                if words[0] != "mammosim":
+                    continue
+                command = commands[words[1]]
+                if words[1] == "cohort":
+                    command = command.commands[words[2]]
+                known = {option for part in command.params for option in part.opts}
+                assert {word for word in words if word.startswith("--")} <= known, line
+
+
+def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
+    pytest.importorskip("mkdocs", reason="pip install mammosim[docs]")
+    pytest.importorskip("mkdocstrings_handlers.python", reason="pip install mammosim[docs]")
+    words = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-f",
+             str(DOCS / "site" / "mkdocs.yml"), "-d", str(tmp_path / "site")]  # fmt: skip
+    result = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+    settings = (tmp_path / "site" / "reference" / "settings.html").read_text()
+    for word in ("thickness_mm", "patients_file", "population fit"):
+        assert word in settings
+    python = (tmp_path / "site" / "reference" / "python.html").read_text()
+    assert "generate_phantom" in python
+    for page in (tmp_path / "site").rglob("*.html"):
+        fetched = re.findall(
+            r'<(?:script|img|link)[^>]+(?:src|href)="(https?:[^"]+)', page.read_text()
+        )
+        assert not [url for url in fetched if "canonical" not in url], page
