@@ -16,6 +16,7 @@ from mammosim.pipeline.run_config import RunConfig, ViewSettings
 from mammosim.targets import (
     BiopsyResult,
     RuleError,
+    ShiftAnswers,
     ShiftUncertainty,
     Target,
     aim_needles,
@@ -32,26 +33,6 @@ if TYPE_CHECKING:
     from mammosim.pipeline.run import ViewResult
 
 Tell = Callable[[str, str, np.void | None], None]
-
-
-@dataclass(frozen=True)
-class ShiftAnswers:
-    """Answers beside the table of targets; what was not asked for is empty.
-
-    Parameters
-    ----------
-    rules : tuple of RuleError
-        How well the rules between views hold.
-    biopsy : tuple of BiopsyResult
-    uncertainty : tuple of ShiftUncertainty
-    notes : tuple of str
-        Warnings, one sentence each.
-    """
-
-    rules: tuple[RuleError, ...] = ()
-    biopsy: tuple[BiopsyResult, ...] = ()
-    uncertainty: tuple[ShiftUncertainty, ...] = ()
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,11 +25,11 @@ from mammosim.export import label_image, lesion_masks
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, make_phantom
 from mammosim.pipeline.beforehand import check_detectors, check_settings
-from mammosim.pipeline.lesion_shift import ShiftAnswers, shift_answers, with_ellipsoids
+from mammosim.pipeline.lesion_shift import shift_answers, with_ellipsoids
 from mammosim.pipeline.run_config import RunConfig, ViewSettings
 from mammosim.pipeline.save import RunFolder
 from mammosim.projection import PathLengths, project, project_arc
-from mammosim.targets import Target, find_targets
+from mammosim.targets import ShiftAnswers, Target, find_targets
 
 Tell = Callable[[str, str, np.void | None], None]
 """Told of progress: view folder or '', stage, and a row of the solver's history or None."""

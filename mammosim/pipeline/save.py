@@ -30,7 +30,6 @@ from mammosim.export import (
     write_text,
 )
 from mammosim.phantom.readers import open_voxels
-from mammosim.pipeline.lesion_shift import ShiftAnswers
 from mammosim.pipeline.run_config import RunConfig, input_paths, without_paths
 from mammosim.pipeline.stages import KeptStages
 from mammosim.projection import PathLengths, compressed_labels
@@ -44,7 +43,7 @@ from mammosim.report import (
     run_hash,
     run_record,
 )
-from mammosim.targets import BiopsyResult, RuleError, ShiftUncertainty, Target
+from mammosim.targets import BiopsyResult, RuleError, ShiftAnswers, ShiftUncertainty, Target
 
 TECHNIQUE = ("target", "filter", "kvp", "mas", "hvl_mm_al", "air_kerma_mgy", "dose_mgy")
 """Of a mammogram, in the run's record; of a series of projections, those of the middle one."""
@@ -157,7 +156,12 @@ class RunFolder:
             record["tomosynthesis"] = geometry
         if report.html:
             page = render_report(
-                [ReportedView(*view) for view in views], targets, record, report, self._title
+                [ReportedView(*view) for view in views],
+                targets,
+                record,
+                report,
+                self._title,
+                answers,
             )
             write_text(self.path / "report.html", page)
         write_json(self.path / "run.json", record)

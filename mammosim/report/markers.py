@@ -34,6 +34,8 @@ class Marker:
         Where the text begins or ends.
     anchor : {"start", "end"}
         Whether the text begins or ends there.
+    from_x, from_y : float
+        Where the target would have appeared on this detector without compression.
     """
 
     text: str
@@ -44,6 +46,13 @@ class Marker:
     radius: float
     text_x: float
     anchor: str
+    from_x: float = math.nan
+    from_y: float = math.nan
+
+    @property
+    def arrow(self) -> bool:
+        """Whether compression moved the mark by more than its own circle."""
+        return math.hypot(self.x - self.from_x, self.y - self.from_y) > self.radius
 
 
 def markers(targets: Sequence[Target], gantry: Gantry) -> list[Marker]:
@@ -67,6 +76,7 @@ def _marker(target: Target, gantry: Gantry) -> Marker:
     radius = _radius_mm(target.volume_mm3) / gantry.pixel_mm
     # Beside the mark towards the nipple, where a breast has least; back where the picture ends.
     left_breast = gantry.view.laterality == "L"
+    row, column = gantry.project(gantry.gantry_from_breast(target.place_mm)).tolist()
     rightwards = x + radius * 3.0 < gantry.columns if left_breast else x - radius * 3.0 < 0.0
     return Marker(
         text="N" if target.kind == "nipple" else str(target.target_id),
@@ -77,6 +87,8 @@ def _marker(target: Target, gantry: Gantry) -> Marker:
         radius=radius,
         text_x=x + radius * 1.25 if rightwards else x - radius * 1.25,
         anchor="start" if rightwards else "end",
+        from_x=column + 0.5,
+        from_y=row + 0.5,
     )
 
 

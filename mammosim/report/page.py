@@ -8,17 +8,18 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 from mammosim.acquisition import Mammogram
 from mammosim.report.figures import convergence_svg
 from mammosim.report.hanging import ReportedView, hanging, is_lesion, targets_of
+from mammosim.report.lesion_shift import shift_section
 from mammosim.report.markers import shift_arrows
 from mammosim.report.quantities import NOT_KNOWN, number, quantity
 from mammosim.report.realism import realism
 from mammosim.report.settings import ReportSettings
-from mammosim.targets import Target
+from mammosim.targets import ShiftAnswers, Target
 
 _SIDES = {"L": "Left breast", "R": "Right breast"}
 _VIEW_ORDER = ("CC", "MLO", "ML")
@@ -39,6 +40,7 @@ def render_report(
     record: Mapping[str, Any],
     settings: ReportSettings | None = None,
     title: str = "",
+    answers: ShiftAnswers | None = None,
 ) -> str:
     """Make the report's page.
 
@@ -53,19 +55,20 @@ def render_report(
     settings : ReportSettings, optional
     title : str
         Name of the run, as the configuration's.
+    answers : ShiftAnswers, optional
+        Rules between views, biopsy and uncertainty.
 
     Returns
     -------
     str
-        HTML with its style and pictures inside; nothing is loaded from elsewhere.
+        HTML with its style, pictures and script inside; nothing is loaded from elsewhere.
     """
     settings = settings or ReportSettings()
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-                              lstrip_blocks=True)  # fmt: skip
+                              lstrip_blocks=True, loader=FunctionLoader(_part))  # fmt: skip
     environment.filters["number"] = number
-    source = files(__package__).joinpath("template.html").read_text(encoding="utf-8")
     ordered = sorted(views, key=_hanging_order)
-    return environment.from_string(source).render(
+    return environment.get_template("template.html").render(
         title=title,
         headline=_headline(ordered),
         case=_case(ordered, targets),
@@ -74,6 +77,7 @@ def render_report(
         hanging=hanging(ordered, targets, settings),
         lesions=_lesions(ordered, targets),
         shift_views=_shift_views(ordered, targets),
+        shift=shift_section(ordered, targets, answers or ShiftAnswers(), settings),
         view_names=[view.squeezed.view.folder for view in ordered],
         compression=_compression_rows(ordered),
         convergence=_convergence(ordered),
@@ -84,6 +88,11 @@ def render_report(
         settings_text=json.dumps(record.get("settings"), indent=2, ensure_ascii=False, default=str),
         not_known=NOT_KNOWN,
     )
+
+
+def _part(name: str) -> str:
+    """One of the page's files in this package."""
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
 
 
 def _hanging_order(view: ReportedView) -> tuple[int, int]:

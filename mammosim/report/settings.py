@@ -15,3 +15,6 @@ class ReportSettings(Settings):
 
     picture_rows: int = Field(default=1400, ge=100)
     """Height that the report's pictures are reduced to, pixels; the files keep every pixel."""
+
+    three_d: bool = True
+    """Let the page show the breast in three dimensions; plotly.js in it adds 2 MB."""

@@ -1,6 +1,7 @@
 """Where lesions, landmarks and the nipple are: before, after, and on the image."""
 
 from mammosim.targets.anatomy import clock_position
+from mammosim.targets.answers import ShiftAnswers
 from mammosim.targets.biopsy import BiopsyResult, aim_needles
 from mammosim.targets.doubts import target_doubts
 from mammosim.targets.find import find_targets
@@ -31,6 +32,7 @@ __all__ = [
     "Located",
     "RayCurve",
     "RuleError",
+    "ShiftAnswers",
     "ShiftUncertainty",
     "Sight",
     "Target",

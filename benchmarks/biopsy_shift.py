@@ -1,0 +1,147 @@
+"""Where lesions go in many generated breasts, beside published clip migration and the thesis.
+
+    python benchmarks/biopsy_shift.py OUT [--breasts 24] [--lesions 3] [--voxel-mm 0.8]
+
+Each breast is drawn by its seed (density, volume), gets lesions of 8 mm at random places in gland,
+and is compressed in CC and MLO to the population's thickness on a 1 mm lattice of springs. Written
+are `shifts.csv`, one line a lesion and view, and `summary.json`; the picture goes to OUT too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+
+from mammosim.compression import compress
+from mammosim.phantom import PhantomSettings, make_phantom
+from mammosim.targets.biopsy import miss_mm
+from mammosim.targets.origins import mean_shift_mm, target_origins
+
+DENSITIES = ("fatty", "scattered", "heterogeneous", "dense")
+CLIP_MEDIAN_MM, CLIP_BEYOND_20_PERCENT = 9.5, 21.5
+"""Kass et al. 2002, Am J Surg 184:325: 93 clips; mean 13.5 mm, up to 78 mm."""
+
+THESIS_MM = (8.0, 13.0)
+"""How far abnormalities moved under the highest compression of the source thesis."""
+
+
+def shifts_of(seed: int, lesions: int, voxel_mm: float) -> list[dict[str, float | str]]:
+    """One row a lesion and view of one drawn breast."""
+    density = DENSITIES[seed % len(DENSITIES)]
+    settings = PhantomSettings.model_validate(
+        {
+            "generate": {"density": density, "voxel_mm": voxel_mm},
+            "lesions": [
+                {"name": f"mass {n}", "kind": "mass", "diameter_mm": 8} for n in range(lesions)
+            ],
+        }
+    )
+    breast = make_phantom(settings, "LR"[seed % 2], seed)
+    origins = target_origins(breast)
+    rows = []
+    for view in ("CC", "MLO"):
+        squeezed = compress(breast, view=view, resolution_mm=1.0)
+        moved = [mean_shift_mm(squeezed.field, origin) for origin in origins]
+        nothing = np.zeros(3)
+        for origin, shift in zip(origins[:-1], moved[:-1], strict=True):
+            across_x, across_y, along = squeezed.view.rotation @ shift
+            missed = miss_mm(shift, moved[-1], nothing, nothing)
+            normal = squeezed.view.rotation[2]
+            needle = missed - (missed @ normal) * normal
+            rows.append(
+                {
+                    "seed": seed, "density": density, "view": view, "lesion": origin.name,
+                    "volume_ml": squeezed.measures["volume_before_ml"],
+                    "thickness_mm": squeezed.thickness_mm,
+                    "shift_mm": float(np.linalg.norm(shift)), "along_mm": float(along),
+                    "across_mm": float(np.hypot(across_x, across_y)),
+                    "miss_mm": float(np.linalg.norm(missed)),
+                    "needle_miss_mm": float(np.linalg.norm(needle)),
+                }
+            )  # fmt: skip
+    return rows
+
+
+def summary(rows: list[dict[str, float | str]]) -> dict[str, dict[str, float]]:
+    """Quantiles of each length, for both views and each of them, and by thickness."""
+    found = {}
+    thin = np.median([float(row["thickness_mm"]) for row in rows])
+    parts = {
+        "all": rows,
+        "CC": [row for row in rows if row["view"] == "CC"],
+        "MLO": [row for row in rows if row["view"] == "MLO"],
+        "thinner half": [row for row in rows if float(row["thickness_mm"]) <= thin],
+        "thicker half": [row for row in rows if float(row["thickness_mm"]) > thin],
+    }
+    for part, chosen in parts.items():
+        for key in ("shift_mm", "along_mm", "across_mm", "miss_mm", "needle_miss_mm"):
+            values = np.abs([float(row[key]) for row in chosen])
+            found[f"{part}: {key}"] = {
+                "n": len(values), "mean": float(values.mean()), "median": float(np.median(values)),
+                "p95": float(np.quantile(values, 0.95)), "largest": float(values.max()),
+                "beyond_20_percent": float(100.0 * (values > 20.0).mean()),
+            }  # fmt: skip
+        along = np.abs([float(row["along_mm"]) for row in chosen])
+        across = np.array([float(row["across_mm"]) for row in chosen])
+        found[f"{part}: mostly along"] = {"percent": float(100.0 * (along > across).mean())}
+    return found
+
+
+def draw(rows: list[dict[str, float | str]], path: Path) -> None:
+    """Cumulative distributions of shift and miss, with what is published."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    axes = figure.subplots()
+    for key, label, colour in (
+        ("shift_mm", "shift of a lesion, uncompressed to compressed", "#2f75b5"),
+        ("along_mm", "... along the compression axis", "#6aaae4"),
+        ("miss_mm", "miss of a needle aimed in the released breast", "#bb6a22"),
+    ):
+        values = np.sort(np.abs([float(row[key]) for row in rows]))
+        share = np.arange(1, values.size + 1) / values.size
+        axes.step(values, 100.0 * share, where="post", label=label, color=colour)
+    axes.plot([CLIP_MEDIAN_MM, 20.0], [50.0, 100.0 - CLIP_BEYOND_20_PERCENT], "k^",
+              label="clip migration, Kass et al. 2002: median, 20 mm")  # fmt: skip
+    axes.axvspan(*THESIS_MM, color="#888888", alpha=0.2, label="abnormalities of the thesis")
+    axes.set_xlabel("mm")
+    axes.set_ylabel("per cent of lesions below")
+    axes.set_xlim(0.0, 40.0)
+    axes.set_ylim(0.0, 100.0)
+    axes.grid(alpha=0.2)
+    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    """Run the breasts and write what they gave."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--breasts", type=int, default=24)
+    parser.add_argument("--lesions", type=int, default=3)
+    parser.add_argument("--voxel-mm", type=float, default=0.8)
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    rows: list[dict[str, float | str]] = []
+    start = time.perf_counter()
+    for seed in range(1, given.breasts + 1):
+        rows += shifts_of(seed, given.lesions, given.voxel_mm)
+        print(f"{seed} of {given.breasts}: {time.perf_counter() - start:.0f} s", flush=True)
+    with (given.out / "shifts.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    found = summary(rows)
+    (given.out / "summary.json").write_text(json.dumps(found, indent=2) + "\n")
+    draw(rows, given.out / "biopsy-shift.png")
+    for name, values in found.items():
+        print(name, {key: round(value, 1) for key, value in values.items()})
+
+
+if __name__ == "__main__":
+    main()

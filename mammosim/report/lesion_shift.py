@@ -1,0 +1,76 @@
+"""What the page says about the lesions' shift: drawings, rules, biopsy, and how sure it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mammosim.report.hanging import ReportedView, targets_of
+from mammosim.report.planes import FRAMES, Drawing, drawings
+from mammosim.report.settings import ReportSettings
+from mammosim.report.solid import plotly_gzip_base64, solid
+from mammosim.targets import BiopsyResult, RuleError, ShiftAnswers, ShiftUncertainty, Target
+
+
+@dataclass(frozen=True)
+class ShiftSection:
+    """The page's section on the shift.
+
+    Parameters
+    ----------
+    drawings : dict of str to list of Drawing
+        By the view's folder.
+    data : dict
+        What the page's script draws: the frames of the slider, and the 3-D view.
+    library : str
+        Packed plotly.js; empty without a 3-D view.
+    rules : tuple of RuleError
+    biopsy : tuple of BiopsyResult
+    uncertainty : tuple of ShiftUncertainty
+    """
+
+    drawings: dict[str, list[Drawing]]
+    data: dict[str, Any]
+    library: str
+    rules: tuple[RuleError, ...]
+    biopsy: tuple[BiopsyResult, ...]
+    uncertainty: tuple[ShiftUncertainty, ...]
+
+
+def shift_section(
+    views: Sequence[ReportedView],
+    targets: Sequence[Target],
+    answers: ShiftAnswers,
+    settings: ReportSettings,
+) -> ShiftSection:
+    """Gather the section; views without rows in the table are drawn without targets."""
+    drawn, data = {}, {}
+    for view in views:
+        squeezed = view.squeezed
+        here = targets_of(squeezed.view, targets)
+        name = squeezed.view.folder
+        drawn[name] = drawings(squeezed, here)
+        data[name] = {
+            "planes": [_frames(drawing) for drawing in drawn[name]],
+            "solid": solid(squeezed, here) if settings.three_d else None,
+        }
+    library = plotly_gzip_base64() if settings.three_d and drawn else ""
+    return ShiftSection(
+        drawn, {"views": data, "last": FRAMES - 1}, library, answers.rules, answers.biopsy,
+        answers.uncertainty,
+    )  # fmt: skip
+
+
+def _frames(drawing: Drawing) -> dict[str, Any]:
+    """Pictures of one drawing for the slider; the ends are in the page already."""
+    return {
+        "name": drawing.plane.name,
+        "caption": drawing.plane.caption,
+        "box": [round(v, 2) for v in (drawing.left, drawing.top, drawing.width, drawing.height)],
+        "frames": list(drawing.frames),
+        "targets": [
+            [t.number, t.name, t.kind, *(round(v, 2) for v in (t.x, t.y, t.to_x, t.to_y))]
+            for t in drawing.targets
+        ],
+    }
