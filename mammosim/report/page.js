@@ -105,8 +105,8 @@
     });
   }
 
-  const faces = { front: [2, 0, 0], side: [0.3, 1.9, 0.3], below: [0.3, 0, -1.9] };
-  let eye = [1.7, 0.9, 0.5];
+  const faces = { front: [1.7, 0, 0], side: [0.2, 1.6, 0.2], below: [0.2, 0, -1.6] };
+  let eye = [1.3, 0.8, 0.4];
 
   function layout() {
     const ink = getComputedStyle(document.body).color;
@@ -124,7 +124,7 @@
   function drawSolid() {
     const share = Number($("shift-slider").value) / 100;
     return window.Plotly.react(plot, traces(share), layout(),
-      { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["toImage"] });
+      { displayModeBar: false, responsive: true });
   }
 
   async function unpack() {
