@@ -101,6 +101,10 @@ def test_only_what_was_used_is_cited():
     assert "victre" in fem
     assert "spekpy" not in keys({"acquisition": {"spectrum_file": "tube.csv"}})
     assert "simpleitk" not in keys({"export": {"volumes": False}})
+    assert "samani" not in keys({"targets": {}})
+    assert {"samani", "krouskop", "hauge"} <= keys({"targets": {"uncertainty": {"samples": 50}}})
+    assert "plotly" in keys({})
+    assert "plotly" not in keys({"report": {"three_d": False}})
 
 
 def test_every_doi_has_the_form_of_one():

@@ -250,6 +250,19 @@ def test_a_run_tells_how_sure_it_is(folder):
         assert (folder / "again" / name).read_bytes() == (folder / "out" / name).read_bytes()
 
 
+def test_the_plan_tells_of_samples_and_needles_before(folder):
+    alone = invoke("check", write(folder, "plain.yaml"))
+    targets = {"uncertainty": {"samples": 2000}, "biopsy": {"view": "ML"}}
+    planned = invoke("check", write(folder, "planned.yaml", targets=targets))
+    assert "uncertainty: 2000 samples of each compression" in planned.output
+    assert "biopsy: a vertical needle, the breast held in ML" in planned.output
+    minutes = [
+        float(result.output.split("memory and ")[1].split(" minutes")[0])
+        for result in (alone, planned)
+    ]
+    assert minutes[1] > minutes[0]
+
+
 def test_samples_that_fail_are_told(folder, monkeypatch):
     monkeypatch.setattr(SpringSampler, "field", lambda self, sample: None)
     path = write(folder, "fail.yaml", views=["CC"], targets={"uncertainty": {"samples": 10}})

@@ -57,6 +57,7 @@ def make_plan(config: RunConfig) -> Plan:
         if compression.model != "none":
             nodes = voxels * voxel_volume_mm3 / compression.resolution_mm**3
             seconds += nodes * SECONDS_A_NODE[compression.solver]
+            seconds += nodes * SECONDS_A_NODE["multigrid"] * _more_compressions(config)
         height, width = projection.detector_mm or (240.0, 180.0)
         pixels = height * width / projection.pixel_mm**2
         count = view.dbt.projections if view.dbt else 1
@@ -67,8 +68,29 @@ def make_plan(config: RunConfig) -> Plan:
         if view.dbt:
             line += f", from {count} tube positions over {view.dbt.angle_range_deg:g} degrees"
         lines.append(line)
+    lines += _target_lines(config)
     memory = BASE_BYTES + voxels * BYTES_A_VOXEL + largest * len(config.views)
     return Plan(tuple(lines), memory / 1e9, seconds / 60.0)
+
+
+def _more_compressions(config: RunConfig) -> int:
+    """Compressions of each view beside its own: at biopsy, and the samples of both."""
+    targets = config.targets
+    plates = 1 if targets.biopsy is not None and targets.biopsy.view != "none" else 0
+    samples = targets.uncertainty.samples if targets.uncertainty is not None else 0
+    return plates + samples * (1 + plates)
+
+
+def _target_lines(config: RunConfig) -> list[str]:
+    targets, lines = config.targets, []
+    if targets.biopsy is not None:
+        held = {"none": "without plates", "same": "in each view"}.get(
+            targets.biopsy.view, f"in {targets.biopsy.view}"
+        )
+        lines.append(f"biopsy: a {targets.biopsy.needle} needle, the breast held {held}")
+    if targets.uncertainty is not None:
+        lines.append(f"uncertainty: {targets.uncertainty.samples} samples of each compression")
+    return lines
 
 
 def _source(phantom: PhantomSettings, voxels: int) -> str:

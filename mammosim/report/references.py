@@ -90,6 +90,31 @@ REFERENCES: dict[str, Reference] = {
         "Phys Med Biol 54:4361-4372, 2009.",
         "10.1088/0031-9155/54/14/002",
     ),
+    "samani": Reference(
+        "spread of tissue stiffness (uncertainty)",
+        "Samani A, Zubovits J, Plewes D. Elastic moduli of normal and pathological human breast "
+        "tissues: an inversion-technique-based investigation of 169 samples. Phys Med Biol "
+        "52:1565-1576, 2007.",
+        "10.1088/0031-9155/52/6/002",
+    ),
+    "krouskop": Reference(
+        "spread of tissue stiffness (uncertainty)",
+        "Krouskop TA, Wheeler TM, Kallel F, Garra BS, Hall T. Elastic moduli of breast and "
+        "prostate tissues under compression. Ultrason Imaging 20:260-274, 1998.",
+        "10.1177/016173469802000403",
+    ),
+    "hauge": Reference(
+        "spread of the compressed thickness (uncertainty)",
+        "Hauge IHR, Hogg P, Szczepura K, Connolly P, McGill G, Mercer C. The readout thickness "
+        "versus the measured thickness for a range of screen film mammography and full-field "
+        "digital mammography units. Med Phys 39:263-271, 2012.",
+        "10.1118/1.3663579",
+    ),
+    "plotly": Reference(
+        "3-D view of the report",
+        "Plotly Technologies Inc. Plotly.js, an open-source JavaScript charting library, MIT "
+        "licence. Montreal, 2012-2026.",
+    ),
     "numba": Reference(
         "compiled kernels",
         "Lam SK, Pitrou A, Seibert S. Numba: a LLVM-based Python JIT compiler. Proc LLVM-HPC, "
@@ -143,12 +168,18 @@ def references_used(settings: Mapping[str, Any]) -> list[Reference]:
         settings.get(name) or {} for name in ("phantom", "compression", "acquisition", "export")
     )
     stiffness = compression.get("stiffness", "thesis")
+    targets, report = (settings.get(name) or {} for name in ("targets", "report"))
+    varied = targets.get("uncertainty") is not None
     used = {
         "springs": compression.get("model", "springs") == "springs",
         "wellman": compression.get("model", "springs") != "none" and stiffness == "thesis",
         "victre": "victre" in (phantom.get("labels"), stiffness),
         "spekpy": acquisition.get("spectrum_file") is None,
         "hammerstein": acquisition.get("composition", "hammerstein") == "hammerstein",
+        "samani": varied,
+        "krouskop": varied,
+        "hauge": varied,
+        "plotly": report.get("html", True) and report.get("three_d", True),
         "highdicom": export.get("dicom", True),
         "simpleitk": export.get("volumes", True),
     }
