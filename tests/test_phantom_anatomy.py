@@ -12,6 +12,7 @@ from mammosim.errors import InputError
 from mammosim.geometry import compression_from_breast
 from mammosim.phantom import (
     LesionSettings,
+    PhantomSettings,
     generate_phantom,
     insert_lesions,
     phantom_summary,
@@ -25,11 +26,13 @@ from mammosim.phantom.anatomy import (
     _kernels,
     _noise_kernels,
     _tube_kernels,
+    expected_volume_ml,
 )
 from mammosim.phantom.anatomy.axilla import draw_axilla
 from mammosim.phantom.anatomy.muscle import draw_muscle, fit_volume
 from mammosim.phantom.anatomy.outline import Outline, coarse_frame, mesh, near_depth, skin_depth
 from mammosim.phantom.anatomy.shape import draw_shape
+from mammosim.phantom.size import expected_voxels
 from mammosim.tissues import TISSUES
 from tests.naive import phantom as naive
 
@@ -312,6 +315,19 @@ def test_a_lesion_in_the_axilla_is_refused_in_other_views(scattered):
     made = insert_lesions(scattered, [entry], np.random.default_rng(1))
     with pytest.raises(InputError, match=r"lesion 'node' at .* lies in the way to the axilla"):
         mammosim.compress(made, view="CC", resolution_mm=4.0)
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_the_volume_is_known_before(seed):
+    breast = generate_phantom("b", 2.0, seed)
+    expected = expected_volume_ml(GenerateSettings(), seed)
+    assert phantom_summary(breast).breast_ml == pytest.approx(expected, rel=0.02)
+    voxels, voxel_mm3 = expected_voxels(
+        PhantomSettings(generate=GenerateSettings(voxel_mm=2)), seed
+    )
+    # The box around a breast depends on its shape: an estimate for `check`.
+    assert voxel_mm3 == 8.0
+    assert voxels == pytest.approx(breast.labels.size, rel=0.25)
 
 
 def test_volumes_drawn_by_the_seed_vary():

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
+from mammosim.phantom.anatomy import expected_volume_ml
 from mammosim.phantom.settings import PhantomSettings
 from mammosim.phantom.voxels import open_checked
 from mammosim.tissues import load_label_map
 
-LARGEST_DRAWN_ML = 1900.0
-"""Largest volume that the generator draws by itself, mL."""
-
-BOX_PART = 3.0
-"""Of the breast's volume: the box around it with its muscle; 2.4 to 2.9 was seen."""
+BOX_PART = 3.4
+"""Of the breast's volume: the box around it with its muscle; 2.7 (1900 mL) to 3.9 (100 mL) was
+seen."""
 
 
-def expected_voxels(settings: PhantomSettings) -> tuple[int, float]:
+def expected_voxels(settings: PhantomSettings, seed: int = 1) -> tuple[int, float]:
     """Number of voxels and volume of one, mm3, without reading or generating any.
 
     Parameters
     ----------
     settings : PhantomSettings
         With absolute paths, where it names files.
+    seed : int
+        Of the generator, which may draw the volume.
 
     Raises
     ------
@@ -30,7 +31,7 @@ def expected_voxels(settings: PhantomSettings) -> tuple[int, float]:
         memory, or the label map cannot be used.
     """
     if settings.generate is not None:
-        volume_mm3 = 1e3 * (settings.generate.volume_ml or LARGEST_DRAWN_ML)
+        volume_mm3 = 1e3 * expected_volume_ml(settings.generate, seed)
         voxel_mm3 = settings.generate.voxel_mm**3
         return int(BOX_PART * volume_mm3 / voxel_mm3), voxel_mm3
     if settings.labels is not None:

@@ -45,7 +45,7 @@ def make_plan(config: RunConfig) -> Plan:
     The size of a phantom is read from its header or from the generator's settings; nothing is
     computed.
     """
-    voxels, voxel_volume_mm3 = expected_voxels(config.phantom)
+    voxels, voxel_volume_mm3 = expected_voxels(config.phantom, config.seed)
     lines = [_source(config.phantom, voxels)]
     kind = "file" if config.phantom.file else "generate"
     seconds = 5.0 + voxels * SECONDS_A_VOXEL[kind]

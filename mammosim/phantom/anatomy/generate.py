@@ -130,7 +130,7 @@ class _Anatomy:
 
 
 def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastPhantom:
-    shape_rng, field_rng, lobule_rng, duct_rng, vessel_rng = np.random.default_rng(seed).spawn(5)
+    shape_rng, field_rng, lobule_rng, duct_rng, vessel_rng = _streams(seed)
     anatomy = _anatomy(settings, shape_rng, field_rng, duct_rng, vessel_rng)
     lattice = _lattice(anatomy, settings.voxel_mm)
     texture = _texture(anatomy, seed, lobule_rng)
@@ -147,6 +147,21 @@ def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastP
     return _phantom(labels, lattice, anatomy, settings, seed, laterality)
 
 
+def expected_volume_ml(settings: GenerateSettings, seed: int) -> float:
+    """Volume of the breast without muscle that a seed will give, mL, without making it."""
+    return _volume_ml(settings, _streams(seed)[0])
+
+
+def _streams(seed: int) -> list[np.random.Generator]:
+    """Of shape, fields, lobules, ducts and vessels, so that none depends on another's draws."""
+    return np.random.default_rng(seed).spawn(5)
+
+
+def _volume_ml(settings: GenerateSettings, shape_rng: np.random.Generator) -> float:
+    drawn_ml = TYPICAL_ML * np.exp(VOLUME_SPREAD * shape_rng.standard_normal())
+    return settings.volume_ml or float(np.clip(drawn_ml, *VOLUMES_ML))
+
+
 def _anatomy(
     settings: GenerateSettings,
     shape_rng: np.random.Generator,
@@ -154,8 +169,7 @@ def _anatomy(
     duct_rng: np.random.Generator,
     vessel_rng: np.random.Generator,
 ) -> _Anatomy:
-    drawn_ml = TYPICAL_ML * np.exp(VOLUME_SPREAD * shape_rng.standard_normal())
-    volume_ml = settings.volume_ml or float(np.clip(drawn_ml, *VOLUMES_ML))
+    volume_ml = _volume_ml(settings, shape_rng)
     skin = float(np.clip(shape_rng.normal(1.45, 0.18), 1.2, 2.0))
     height, width = shape_rng.uniform(4.0, 9.0), shape_rng.uniform(8.0, 12.0)
     nipple = (settings.nipple_height_mm or height, settings.nipple_diameter_mm or width)
