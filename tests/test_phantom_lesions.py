@@ -140,9 +140,9 @@ def test_vascular_calcifications_keep_to_the_wall_of_an_artery(with_artery):
     assert (with_artery.labels[wall] == 150).all()
     i, j, _ = np.nonzero(wall)
     assert np.hypot(i - 26, j - 64).min() > 1.5
-    # Six tenths of the wall, a quarter of a millimetre thick in voxels of half a millimetre.
-    assert made.lesions[0].fill == pytest.approx(0.5)
-    assert made.lesions[0].volume_mm3 == pytest.approx(wall.sum() * 0.125 * 0.5)
+    # The wall is 0.08 mm thick in voxels of half a millimetre.
+    assert made.lesions[0].fill == pytest.approx(0.16)
+    assert made.lesions[0].volume_mm3 == pytest.approx(wall.sum() * 0.125 * 0.16)
 
 
 def test_vascular_calcifications_need_an_artery(breast):

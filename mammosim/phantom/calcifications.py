@@ -129,7 +129,7 @@ def _along_ducts(
     for step in rng.uniform(-1.0, 1.0, number):
         on_branch = step < 0.0 and rng.random() < 0.5
         axis = side if on_branch else main
-        middle = step * axis + (1.0 - step * step) * bend + 0.03 * rng.standard_normal(3)
+        middle = step * axis + (1.0 - step * step) * bend + 0.06 * rng.standard_normal(3)
         length = float(np.linalg.norm(middle))
         aside = axis + 0.25 * unit_vector(rng)
         places.append((middle / max(length, 1.0), aside / np.linalg.norm(aside)))

@@ -17,7 +17,7 @@ THINNEST_PART = 0.6
 """Least half width of a spicule, of a voxel: half a voxel's diagonal in a face and a little more
 keeps a straight line of voxels together."""
 
-WALL_MM, WALL_SHARE, WALL_STRETCH_MM = 0.25, 0.6, 3.0
+WALL_MM, WALL_SHARE, WALL_STRETCH_MM = 0.08, 0.4, 2.5
 """Thickness of an artery's calcified wall, the share of the wall that is calcified, and about how
 long its stretches are, mm. Chosen by eye, so that parallel broken tracks are seen (ACR BI-RADS
 Atlas, 5th edition, 2013, "Vascular")."""

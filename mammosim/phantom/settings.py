@@ -40,7 +40,7 @@ class LesionSettings(Settings):
 
     calcification_mm: float | None = Field(None, ge=0.05, le=3.0)
     """Diameter of a ball of each calcification's volume, mm, or thickness of calcified wall; left
-    out, drawn for each from 0.1 to 0.8, and 0.25 in a wall."""
+    out, drawn for each from 0.1 to 0.8, and 0.08 in a wall."""
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> Self:

@@ -47,10 +47,10 @@ compares them)."""
 LOBULE_MM = 11.0
 """Side of the cells that hold one fat lobule each, mm: lobules are 5 to 20 mm across."""
 
-FAN_SHARE, FAN_PER_RADIAN = (0.47, 0.37, 0.31), (5.0, 11.0, 23.0)
+FAN_SHARE, FAN_PER_RADIAN = (0.40, 0.36, 0.38, 0.40), (5.0, 11.0, 23.0, 46.0)
 """Strands: relative amplitude, and waves per radian seen from behind the nipple."""
 
-GRAIN_AMPLITUDE, GRAIN_MM = (0.15, 0.20, 0.26), (6.5, 3.1, 1.4)
+GRAIN_AMPLITUDE, GRAIN_MM = (0.12, 0.28, 0.52), (6.5, 3.1, 1.4)
 """Isotropic detail. Equal amplitude an octave would be a volume spectrum f^-3, whose exponent a
 parallel projection keeps; the threshold smooths, so that finer octaves are made stronger until
 projections have the exponent of mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess
