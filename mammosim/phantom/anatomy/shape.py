@@ -83,13 +83,13 @@ def draw_shape(volume_ml: float, rng: np.random.Generator) -> Shape:
     ptosis = float(np.clip(0.45 + 0.18 * larger + 0.28 * rng.standard_normal(), 0.0, 1.2))
     ripple = 0.02 * rng.standard_normal(4).clip(-2.0, 2.0)
     return Shape(
-        depth_mm=radius * float(np.clip(rng.normal(1.28 + 0.09 * larger, 0.13), 0.95, 1.75)),
+        depth_mm=radius * float(np.clip(rng.normal(1.36 + 0.09 * larger, 0.14), 1.0, 1.85)),
         radius_mm=radius,
-        lateral=rng.uniform(1.05, 1.28),
-        medial=rng.uniform(1.00, 1.18),
-        upper=rng.uniform(0.90, 1.12),
-        lower=rng.uniform(0.80, 0.98),
-        base_lateral_mm=radius * rng.uniform(-0.20, 0.05),
+        lateral=rng.uniform(1.00, 1.20),
+        medial=rng.uniform(0.88, 1.02),
+        upper=rng.uniform(0.86, 1.06),
+        lower=rng.uniform(0.82, 0.98),
+        base_lateral_mm=radius * rng.uniform(-0.10, 0.05),
         base_superior_mm=radius * (0.01 + 0.09 * ptosis),
         sag_mm=radius * 0.08 * ptosis * rng.uniform(0.5, 1.5),
         fullness=rng.uniform(0.02, 0.22),
