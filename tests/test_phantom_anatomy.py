@@ -271,12 +271,43 @@ def test_pictures_have_the_power_law_of_mammograms():
     """P(f) ~ f^-b with b 2.8 on average, 1.5 to 3.5 over breasts (Burgess)."""
     exponents = []
     for density, seed in (("b", 102), ("c", 201), ("d", 301)):
-        breast = generate_phantom(density, 0.75, seed, volume_ml=400.0)
-        paths = mammosim.project(mammosim.compress(breast, resolution_mm=3.0), pixel_mm=0.3)
+        breast = generate_phantom(density, 0.6, seed, volume_ml=400.0)
+        paths = mammosim.project(mammosim.compress(breast, resolution_mm=3.0), pixel_mm=0.2)
         exponents.append(power_law_exponent(mammosim.expose(paths, seed=1)))
     # The aim of the generator; one breast scatters by 0.2.
     assert 2.5 < np.mean(exponents) < 3.3
     assert all(2.3 < exponent < 3.5 for exponent in exponents)
+
+
+def test_the_open_end_has_no_skin_and_other_views_leave_it_off(scattered):
+    within = from_open_end(scattered)
+    last = (within > 0.0) & (within < 0.75)
+    column = scattered.labels[:, last]
+    # Skin is the border of the cut only, not its face.
+    assert 0.02 < (column == LABEL["skin"]).sum() / (column != 0).sum() < 0.25
+    assert not scattered.labels[:, within < 0.0].any()
+    held = without_open_end(scattered)
+    assert held.open_end is None
+    end = scattered.open_end
+    index = np.argwhere(held.labels != 0)
+    assert ((held.frame.position_mm(index) - end.off_point_mm) @ end.off_normal <= 1e-9).all()
+    # What remains is what it was, where it was.
+    at = np.rint(scattered.frame.index(held.frame.position_mm(index[::97]))).astype(int)
+    np.testing.assert_array_equal(
+        scattered.labels[tuple(at.T)], held.labels[tuple(index[::97].T)]
+    )  # fmt: skip
+    off = phantom_summary(scattered).breast_ml - phantom_summary(held).breast_ml
+    assert 5.0 < off < 60.0
+    assert without_open_end(held) is held
+
+
+def test_a_lesion_in_the_axilla_is_refused_in_other_views(scattered):
+    end = scattered.open_end
+    place = end.point_mm - 12.0 * end.normal + [20.0, 0.0, 0.0]
+    entry = LesionSettings(name="node", kind="mass", diameter_mm=4.0, position_mm=tuple(place))
+    made = insert_lesions(scattered, [entry], np.random.default_rng(1))
+    with pytest.raises(InputError, match=r"lesion 'node' at .* lies in the way to the axilla"):
+        mammosim.compress(made, view="CC", resolution_mm=4.0)
 
 
 @pytest.mark.parametrize("seed", [3, 8])
