@@ -1,12 +1,15 @@
 """Where lesions go in many generated breasts, beside published clip migration and the thesis.
 
     python benchmarks/biopsy_shift.py OUT [--breasts 24] [--lesions 3] [--voxel-mm 0.8]
+    python benchmarks/biopsy_shift.py OUT --samples 50
 
 Each breast is drawn by its seed (density class in turn, volume, side), gets lesions of 8 mm at
 random places in gland, and is compressed in CC and MLO to the population's thickness on a 1 mm
 lattice of springs. Written are `shifts.csv`, one line a lesion and view, `summary.json` and the
 picture. `along_mm` is as in lesions.csv, where both plates close on the middle of the breast;
-`from_support_mm` is the same seen from the breast support, on which the breast lies.
+`from_support_mm` is the same seen from the breast support, on which the breast lies. With
+`--samples` instead: the time of that many samples of `targets.uncertainty` for one breast of 550 mL
+and 0.4 mm voxels in CC, and its lesions' ellipsoids.
 """
 
 from __future__ import annotations
@@ -19,11 +22,18 @@ from pathlib import Path
 
 import numpy as np
 
-from mammosim.compression import compress
+from mammosim.compression import CompressionSettings, SpringSampler, compress
 from mammosim.compression.lattice import bounds_mm
 from mammosim.phantom import PhantomSettings, make_phantom
+from mammosim.targets import (
+    UncertaintySettings,
+    draw_samples,
+    sampled_shifts,
+    target_origins,
+    uncertainties,
+)
 from mammosim.targets.biopsy import miss_mm
-from mammosim.targets.origins import mean_shift_mm, target_origins
+from mammosim.targets.origins import mean_shift_mm
 
 DENSITIES = ("fatty", "scattered", "heterogeneous", "dense")
 CLIP_MEDIAN_MM, CLIP_BEYOND_20_PERCENT = 9.5, 21.5
@@ -99,6 +109,36 @@ def summary(rows: list[dict[str, float | str]]) -> dict[str, dict[str, float]]:
     return found
 
 
+def time_samples(count: int) -> None:
+    """Time samples of one breast, compiled code being there, and print its ellipsoids."""
+    breast = make_phantom(
+        PhantomSettings.model_validate(
+            {
+                "generate": {"density": "scattered", "voxel_mm": 0.4, "volume_ml": 550},
+                "lesions": [
+                    {"name": "m", "kind": "mass", "diameter_mm": 12},
+                    {"name": "n", "kind": "mass", "diameter_mm": 8},
+                ],
+            }
+        ),
+        "L",
+        1,
+    )
+    squeezed = compress(breast, view="CC", resolution_mm=1.0)
+    origins = target_origins(breast)
+    start = time.perf_counter()
+    sampler = SpringSampler(squeezed, CompressionSettings())
+    prepared = time.perf_counter() - start
+    samples = draw_samples(UncertaintySettings(samples=count), sampler.groups, "LCC", 1)
+    shifts = sampled_shifts(sampler, origins, samples)
+    seconds = time.perf_counter() - start
+    nodes = int(np.count_nonzero(squeezed.field.tissue))
+    print(f"{count} samples of {nodes} nodes: {seconds:.1f} s, {prepared:.1f} s of it once")
+    for row in uncertainties(origins, {"CC": shifts}):
+        axes = f"{row.long_mm:.1f}, {row.middle_mm:.1f}, {row.short_mm:.1f} mm"
+        print(f"{row.name}: {row.samples} samples, ellipsoid {axes}")
+
+
 def draw(rows: list[dict[str, float | str]], path: Path) -> None:
     """Cumulative distributions of shift and miss, with what is published."""
     from matplotlib.figure import Figure
@@ -132,7 +172,11 @@ def main() -> None:
     parser.add_argument("--breasts", type=int, default=24)
     parser.add_argument("--lesions", type=int, default=3)
     parser.add_argument("--voxel-mm", type=float, default=0.8)
+    parser.add_argument("--samples", type=int, default=0)
     given = parser.parse_args()
+    if given.samples:
+        time_samples(given.samples)
+        return
     given.out.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, float | str]] = []
     start = time.perf_counter()
