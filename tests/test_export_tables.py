@@ -53,6 +53,12 @@ COLUMNS = [
     "image_nipple_distance_mm",
     "in_field",
     # What the contract promises ends here.
+    "moved_x_mm",
+    "moved_y_mm",
+    "moved_z_mm",
+    "gantry_x_mm",
+    "gantry_y_mm",
+    "gantry_z_mm",
     "shift_along_mm",
     "shift_across_mm",
     "stretch_middle",

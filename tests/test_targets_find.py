@@ -124,6 +124,9 @@ def test_columns_follow_their_definitions(view, laterality):
     assert mass.shift_mm == pytest.approx(np.linalg.norm(shift))
     place = np.array([mass.compressed_x_mm, mass.compressed_y_mm, mass.compressed_z_mm])
     np.testing.assert_allclose(gantry.breast_from_gantry(place), after, atol=1e-9)
+    np.testing.assert_allclose([mass.moved_x_mm, mass.moved_y_mm, mass.moved_z_mm], after)
+    at_rest = np.array([mass.gantry_x_mm, mass.gantry_y_mm, mass.gantry_z_mm])
+    np.testing.assert_allclose(gantry.breast_from_gantry(at_rest), before, atol=1e-9)
     assert 0.0 < mass.compressed_z_mm < 2.0 * RADIUS_MM * SQUEEZE[2]
     assert mass.volume_mm3 == breast.lesions[0].volume_mm3
     assert mass.volume_ratio == pytest.approx(np.prod(SQUEEZE))

@@ -11,7 +11,7 @@ from naive.projection import phantom
 
 from mammosim.compression import compress
 from mammosim.geometry import View
-from mammosim.targets import rule_errors, target_doubts
+from mammosim.targets import rule_errors, target_doubts, target_origins
 
 
 def seen(name, side="L", **changes):
@@ -70,9 +70,10 @@ def test_targets_out_of_field_or_lattice_are_told():
     squeezed = make_compressed(view)
     targets = make_targets(view)
     del targets[3]  # the made-up phantom has no landmarks
-    assert target_doubts(squeezed, targets) == ()
+    origins = target_origins(squeezed.phantom)
+    assert target_doubts(squeezed, targets, origins) == ()
     lost = [dataclasses.replace(targets[0], in_field=False), *targets[1:]]
-    (note,) = target_doubts(squeezed, lost)
+    (note,) = target_doubts(squeezed, lost, origins)
     assert note == "LCC: mass 'mass 1' is not in the picture; no needle can be aimed by it"
 
 
@@ -83,7 +84,8 @@ def test_a_speck_that_hangs_on_nothing_is_doubted():
     breast = phantom(labels, 1.0, [0.5, -19.5, -19.5])
     squeezed = compress(breast, view="CC", thickness_mm=24.0, resolution_mm=2.0)
     row = make_targets(View("CC", "L"))[-1]
-    (note,) = target_doubts(squeezed, [row])
+    origins = target_origins(breast)
+    (note,) = target_doubts(squeezed, [row], origins)
     assert note.startswith("LCC: the nipple is not in the mechanical lattice")
     left_alone = compress(breast, view="CC", model="none")
-    assert target_doubts(left_alone, [row]) == ()
+    assert target_doubts(left_alone, [row], origins) == ()

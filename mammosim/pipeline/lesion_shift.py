@@ -15,6 +15,7 @@ from mammosim.phantom import BreastPhantom
 from mammosim.pipeline.run_config import RunConfig, ViewSettings
 from mammosim.targets import (
     BiopsyResult,
+    Origin,
     RuleError,
     ShiftAnswers,
     ShiftUncertainty,
@@ -65,8 +66,9 @@ def shift_answers(
     wanted = {name: settings for name, settings in wanted.items() if views[name].targets}
     seen = {name: views[name] for name in wanted}
     notes = list(touching_lesions(breast))
+    origins = target_origins(breast)
     for result in seen.values():
-        notes += target_doubts(result.squeezed, result.targets)
+        notes += target_doubts(result.squeezed, result.targets, origins)
     positions: dict[str, _Position] = {}
     biopsy: list[BiopsyResult] = []
     if config.targets.biopsy is not None:
@@ -77,7 +79,7 @@ def shift_answers(
             biopsy += aim_needles(result.squeezed, result.targets, position.squeezed, needle)
     spread: list[ShiftUncertainty] = []
     if config.targets.uncertainty is not None:
-        spread = _spread(breast, seen, wanted, positions, config, tell, notes)
+        spread = _spread(origins, seen, wanted, positions, config, tell, notes)
     return ShiftAnswers(_rules(seen), tuple(biopsy), tuple(spread), tuple(notes))
 
 
@@ -136,7 +138,7 @@ def _positions(
 
 
 def _spread(
-    breast: BreastPhantom,
+    origins: Sequence[Origin],
     seen: Mapping[str, ViewResult],
     wanted: Mapping[str, ViewSettings],
     positions: Mapping[str, _Position],
@@ -148,7 +150,6 @@ def _spread(
     settings = config.targets.uncertainty
     if settings is None:
         return []
-    origins = target_origins(breast)
 
     def shifts(squeezed: CompressedBreast, section: CompressionSettings, what: str):  # type: ignore[no-untyped-def]
         if squeezed.model == "none":  # nothing is held, nothing varies

@@ -15,7 +15,7 @@ from mammosim.targets.locate import (
     point_from_sights,
     stereotactic,
 )
-from mammosim.targets.origins import target_origins
+from mammosim.targets.origins import Origin, target_origins
 from mammosim.targets.settings import BiopsySettings, TargetsSettings, UncertaintySettings
 from mammosim.targets.target import Target
 from mammosim.targets.uncertainty import (
@@ -30,6 +30,7 @@ __all__ = [
     "BiopsyResult",
     "BiopsySettings",
     "Located",
+    "Origin",
     "RayCurve",
     "RuleError",
     "ShiftAnswers",

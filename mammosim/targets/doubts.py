@@ -7,11 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from mammosim.compression import CompressedBreast
-from mammosim.targets.origins import target_origins
+from mammosim.targets.origins import Origin
 from mammosim.targets.target import Target
 
 
-def target_doubts(squeezed: CompressedBreast, targets: Sequence[Target]) -> tuple[str, ...]:
+def target_doubts(
+    squeezed: CompressedBreast, targets: Sequence[Target], origins: Sequence[Origin]
+) -> tuple[str, ...]:
     """One sentence for each target of a view that left its field or its lattice.
 
     Parameters
@@ -19,9 +21,11 @@ def target_doubts(squeezed: CompressedBreast, targets: Sequence[Target]) -> tupl
     squeezed : CompressedBreast
     targets : sequence of Target
         Of this view.
+    origins : sequence of Origin
+        The same targets before compression.
     """
     field, notes = squeezed.field, []
-    for target, origin in zip(targets, target_origins(squeezed.phantom), strict=True):
+    for target, origin in zip(targets, origins, strict=True):
         what = f"{squeezed.view.folder}: {target.kind} '{target.name}'"
         if target.kind == "nipple":
             what = f"{squeezed.view.folder}: the nipple"

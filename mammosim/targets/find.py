@@ -97,8 +97,12 @@ def _before(origin: Origin, phantom: BreastPhantom) -> dict[str, Any]:
 
 
 def _moved(origin: Origin, shift_mm: NDArray[np.float64], paths: PathLengths) -> dict[str, Any]:
-    place = paths.gantry.gantry_from_breast(origin.centre_mm + shift_mm)
+    moved = origin.centre_mm + shift_mm
+    place = paths.gantry.gantry_from_breast(moved)
+    at_rest = paths.gantry.gantry_from_breast(origin.centre_mm)
     return {
+        **{f"moved_{axis}_mm": float(moved[n]) for n, axis in enumerate("xyz")},
+        **{f"gantry_{axis}_mm": float(at_rest[n]) for n, axis in enumerate("xyz")},
         "compressed_x_mm": float(place[0]),
         "compressed_y_mm": float(place[1]),
         "compressed_z_mm": float(place[2]),

@@ -17,8 +17,9 @@ class Target:
     uncompressed centroid in the breast frame, `compressed_x_mm ...` its place in the gantry frame,
     `shift_x_mm ...` its displacement in the breast frame. `clock_position`, `nipple_distance_mm`
     and `skin_depth_mm` belong to the uncompressed breast. `image_row_px` and `image_col_px` count
-    from 0, whole numbers at pixel centres. What stands from `shift_along_mm` on may be unknown
-    (NaN), as the contrast of a landmark; `ellipsoid_..._mm` are semi-axes and need
+    from 0, whole numbers at pixel centres. `moved_x_mm ...` is the compressed place in the breast
+    frame, `gantry_x_mm ...` the uncompressed one in the gantry frame. What stands from there on may
+    be unknown (NaN), as the contrast of a landmark; `ellipsoid_..._mm` are semi-axes and need
     `targets.uncertainty`.
     """
 
@@ -47,6 +48,12 @@ class Target:
     image_col_px: float
     image_nipple_distance_mm: float
     in_field: bool
+    moved_x_mm: float = math.nan
+    moved_y_mm: float = math.nan
+    moved_z_mm: float = math.nan
+    gantry_x_mm: float = math.nan
+    gantry_y_mm: float = math.nan
+    gantry_z_mm: float = math.nan
     shift_along_mm: float = math.nan
     shift_across_mm: float = math.nan
     stretch_middle: float = math.nan
