@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -53,3 +54,9 @@ def write(folder: Path, name: str = "run.yaml", **changes) -> Path:
     path = folder / name
     write_yaml(values, path)
     return path
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file by its header."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from make_run import invoke, save_breast, write
+from make_run import invoke, read_table, save_breast, write
 from naive.projection import phantom
 
 from mammosim.compression import CompressedBreast
@@ -161,21 +160,16 @@ def folder(tmp_path_factory):
     return save_breast(tmp_path_factory.mktemp("user"))
 
 
-def table(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_a_run_writes_the_needles_table(folder):
     biopsy = {"view": "same", "thickness_mm": 44}
     path = write(folder, targets={"biopsy": biopsy})
     result = invoke("run", path, "--output", folder / "out")
     assert result.exit_code == 0, result.output
-    rows = table(folder / "out" / "biopsy.csv")
+    rows = read_table(folder / "out" / "biopsy.csv")
     assert [(row["name"], row["view"], row["biopsy_view"]) for row in rows] == [
         ("ball", "CC", "CC"), ("mark", "CC", "CC"), ("ball", "MLO", "MLO"), ("mark", "MLO", "MLO"),
     ]  # fmt: skip
-    seen = {(row["name"], row["view"]): row for row in table(folder / "out" / "lesions.csv")}
+    seen = {(row["name"], row["view"]): row for row in read_table(folder / "out" / "lesions.csv")}
     for row in rows:
         assert float(row["biopsy_thickness_mm"]) == 44.0
         before = seen[row["name"], row["view"]]
@@ -201,7 +195,7 @@ def test_another_views_compression_is_not_computed_twice(folder, monkeypatch):
     monkeypatch.setattr(lesion_shift, "compress", refuse)
     path = write(folder, "mlo.yaml", targets={"biopsy": {"view": "MLO"}})
     assert invoke("run", path, "--output", folder / "mlo").exit_code == 0
-    rows = {(row["name"], row["view"]): row for row in table(folder / "mlo" / "biopsy.csv")}
+    rows = {(row["name"], row["view"]): row for row in read_table(folder / "mlo" / "biopsy.csv")}
     # An MLO lesion sought under the same MLO compression is hit, a CC one is not.
     assert float(rows["ball", "MLO"]["miss_mm"]) == pytest.approx(0.0, abs=1e-4)
     assert float(rows["ball", "CC"]["miss_mm"]) > 0.1

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from make_run import invoke, save_breast, write
+from make_run import invoke, read_table, save_breast, write
 
 from mammosim.errors import InputError
 from mammosim.pipeline.locating import locate_lines
@@ -29,8 +28,7 @@ def run(tmp_path_factory) -> Path:
 
 
 def rows_of(run: Path, view: str) -> dict[str, dict[str, str]]:
-    with (run / "lesions.csv").open(newline="") as file:
-        return {row["name"]: row for row in csv.DictReader(file) if row["view"] == view}
+    return {row["name"]: row for row in read_table(run / "lesions.csv") if row["view"] == view}
 
 
 def place(row: dict[str, str], stem: str = "") -> np.ndarray:
@@ -148,9 +146,20 @@ def test_one_pixel_gives_the_curve(run):
     lines = [line.split() for line in result.output.splitlines()[1:-1]]
     heights = [float(line[0]) for line in lines]
     assert heights == sorted(heights)
-    assert np.diff(heights) == pytest.approx(2.0)
+    assert np.diff(heights[1:-1]) == pytest.approx(2.0)
     points = np.array([[float(word) for word in line[1:4]] for line in lines])
     assert np.linalg.norm(points - place(cc), axis=1).min() < 1.5
+
+
+def test_a_step_larger_than_the_breast_leaves_both_ends(run):
+    cc = rows_of(run, "CC")["ball"]
+    sight = read_views(run, ["CC"])["CC"].sight(
+        float(cc["image_row_px"]), float(cc["image_col_px"])
+    )
+    fine, ends = curve_of(sight, 0.5), curve_of(sight, 200.0)
+    assert ends.height_mm.size in (2, 3)  # a multiple of 200 may lie between: 0
+    assert ends.height_mm[[0, -1]].tolist() == fine.height_mm[[0, -1]].tolist()
+    np.testing.assert_allclose(ends.point_mm[-1], fine.point_mm[-1])
 
 
 def test_without_labels_the_lattice_says_where_tissue_is(run, tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 
 import numba
@@ -11,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_phantom import half_ellipsoid_breast
-from make_run import invoke, save_breast, write
+from make_run import invoke, read_table, save_breast, write
 
 from mammosim.compression import CompressionSettings, SpringSample, SpringSampler, compress
 from mammosim.compression.spring_samples import stiffness_group
@@ -223,20 +222,17 @@ def folder(tmp_path_factory):
     return save_breast(tmp_path_factory.mktemp("user"))
 
 
-def table(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_a_run_tells_how_sure_it_is(folder):
     targets = {"uncertainty": {"samples": 10}, "biopsy": {"view": "ML"}}
     path = write(folder, targets=targets)
     assert invoke("run", path, "--output", folder / "out").exit_code == 0
-    rows = table(folder / "out" / "uncertainty.csv")
+    rows = read_table(folder / "out" / "uncertainty.csv")
     assert [(row["name"], row["view"]) for row in rows] == [
         (name, view) for view in ("CC", "MLO") for name in ("ball", "mark", "nipple")
     ]
-    lesions = {(row["name"], row["view"]): row for row in table(folder / "out" / "lesions.csv")}
+    lesions = {
+        (row["name"], row["view"]): row for row in read_table(folder / "out" / "lesions.csv")
+    }
     for row in rows:
         seen = lesions[row["name"], row["view"]]
         assert seen["ellipsoid_long_mm"] == row["long_mm"]

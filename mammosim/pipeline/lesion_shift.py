@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mammosim.compression import CompressedBreast, CompressionSettings, SpringSampler, compress
 from mammosim.errors import NotConverged
@@ -20,6 +21,7 @@ from mammosim.targets import (
     ShiftAnswers,
     ShiftUncertainty,
     Target,
+    UncertaintySettings,
     aim_needles,
     draw_samples,
     rule_errors,
@@ -147,34 +149,37 @@ def _spread(
     notes: list[str],
 ) -> list[ShiftUncertainty]:
     """Draw samples of every view, and of its biopsy position with the same tissue."""
-    settings = config.targets.uncertainty
-    if settings is None:
-        return []
-
-    def shifts(squeezed: CompressedBreast, section: CompressionSettings, what: str):  # type: ignore[no-untyped-def]
-        if squeezed.model == "none":  # nothing is held, nothing varies
-            return np.zeros((settings.samples, len(origins), 3))
-        sampler = SpringSampler(squeezed, section, settings.lattice)
-        samples = draw_samples(settings, sampler.groups, what, config.seed)
-        found = sampled_shifts(sampler, origins, samples)
-        lost = int(np.isnan(found).any(axis=(1, 2)).sum())
-        if lost:
-            notes.append(
-                f"{what}: {lost} of {settings.samples} samples did not converge and were left out"
-            )
-        return found
-
-    by_view, at_biopsy, done = {}, {}, {}
+    by_view: dict[str, NDArray[np.float64]] = {}
+    at_biopsy: dict[str, NDArray[np.float64]] = {}
+    done: dict[int, NDArray[np.float64]] = {}
     for name, result in seen.items():
         tell(name, "uncertainty", None)
-        section = config.section_for(wanted[name], "compression")
         label = result.squeezed.view.label
-        by_view[label] = shifts(result.squeezed, section, name)
+        held = _Position(result.squeezed, config.section_for(wanted[name], "compression"))
+        by_view[label] = _sampled(origins, held, name, config, notes)
         if name in positions:
             position = positions[name]
             key = id(position.squeezed)
             if key not in done:
                 what = f"biopsy {position.squeezed.view.folder}"
-                done[key] = shifts(position.squeezed, position.settings, what)
+                done[key] = _sampled(origins, position, what, config, notes)
             at_biopsy[label] = done[key]
     return uncertainties(origins, by_view, at_biopsy if positions else None)
+
+
+def _sampled(
+    origins: Sequence[Origin], held: _Position, what: str, config: RunConfig, notes: list[str]
+) -> NDArray[np.float64]:
+    """Shift of each target in each sample of one position, [sample, target, 3], mm."""
+    settings = config.targets.uncertainty or UncertaintySettings()
+    if held.squeezed.model == "none":  # nothing is held, nothing varies
+        return np.zeros((settings.samples, len(origins), 3))
+    sampler = SpringSampler(held.squeezed, held.settings, settings.lattice)
+    samples = draw_samples(settings, sampler.groups, what, config.seed)
+    found = sampled_shifts(sampler, origins, samples)
+    lost = int(np.isnan(found).any(axis=(1, 2)).sum())
+    if lost:
+        notes.append(
+            f"{what}: {lost} of {settings.samples} samples did not converge and were left out"
+        )
+    return found

@@ -124,15 +124,29 @@ def curve_of(sight: Sight, step_mm: float = RAY_STEP_MM) -> RayCurve:
 
     Notes
     -----
-    Where breast lies behind air behind breast, as in a fold, the curve has a gap.
+    Both ends of the ray's part in tissue belong to the curve, to half a millimetre. Where breast
+    lies behind air behind breast, as in a fold, the curve has a gap.
     """
     _check_on_picture(sight)
+    fine = _along(sight, RAY_STEP_MM)
+    if step_mm <= RAY_STEP_MM:
+        return fine
+    low, high = fine.height_mm[[0, -1]]
+    between = _along(sight, step_mm, allow_none=True)
+    inner = (between.height_mm > low) & (between.height_mm < high)
+    return RayCurve(
+        np.concatenate([[low], between.height_mm[inner], [high]]),
+        np.concatenate([fine.point_mm[:1], between.point_mm[inner], fine.point_mm[-1:]]),
+    )
+
+
+def _along(sight: Sight, step_mm: float, allow_none: bool = False) -> RayCurve:
+    """Points of a ray in tissue, at heights that are whole multiples of a step."""
     low, high = _heights_mm(sight)
-    # Whole multiples of the step, so that the same heights come out for every pixel.
     height = step_mm * np.arange(np.ceil(low / step_mm), np.floor(high / step_mm) + 1.0)
     points = _original(sight, height)
     inside = _in_tissue(sight, height, points)
-    if not inside.any():
+    if not (inside.any() or allow_none):
         raise InputError(f"{sight.what}: lies outside the breast; no tissue is on its ray")
     return RayCurve(height[inside], points[inside])
 
