@@ -87,5 +87,7 @@ def test_a_speck_that_hangs_on_nothing_is_doubted():
     origins = target_origins(breast)
     (note,) = target_doubts(squeezed, [row], origins)
     assert note.startswith("LCC: the nipple is not in the mechanical lattice")
+    on_the_skin = dataclasses.replace(origins[-1], points_mm=np.array([[20.5, 0.0, 0.0]]))
+    assert target_doubts(squeezed, [row], [on_the_skin]) == ()
     left_alone = compress(breast, view="CC", model="none")
     assert target_doubts(left_alone, [row], origins) == ()

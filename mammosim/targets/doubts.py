@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mammosim.compression import CompressedBreast
+from mammosim.compression import CompressedBreast, DisplacementField
 from mammosim.targets.origins import Origin
 from mammosim.targets.target import Target
 
@@ -24,19 +24,28 @@ def target_doubts(
     origins : sequence of Origin
         The same targets before compression.
     """
-    field, notes = squeezed.field, []
+    notes = []
     for target, origin in zip(targets, origins, strict=True):
         what = f"{squeezed.view.folder}: {target.kind} '{target.name}'"
         if target.kind == "nipple":
             what = f"{squeezed.view.folder}: the nipple"
-        index = np.rint(field.frame.index(origin.points_mm @ field.rotation.T)).astype(np.intp)
-        inside = ((index >= 0) & (index < field.frame.shape)).all(axis=1)
-        held = field.tissue[tuple(index[inside].T)]
-        if squeezed.model != "none" and not held.any():
+        if squeezed.model != "none" and not _beside_lattice(squeezed.field, origin):
             notes.append(
-                f"{what} is not in the mechanical lattice (tissue that does not reach the chest "
+                f"{what} is not in the mechanical lattice (its tissue does not reach the chest "
                 "wall, or is finer than the lattice); its shift is that of the nearest nodes"
             )
         if not target.in_field:
             notes.append(f"{what} is not in the picture; no needle can be aimed by it")
     return tuple(notes)
+
+
+def _beside_lattice(field: DisplacementField, origin: Origin) -> bool:
+    """Whether any of a target's points has a tissue node next to it.
+
+    The tip of a nipple, less than half a node's block, has one behind it that it moves with.
+    """
+    index = np.rint(field.frame.index(origin.points_mm @ field.rotation.T)).astype(np.intp)
+    around = index[:, None] + np.indices((3, 3, 3)).reshape(3, -1).T - 1
+    around = around.reshape(-1, 3)
+    inside = ((around >= 0) & (around < field.frame.shape)).all(axis=1)
+    return bool(field.tissue[tuple(around[inside].T)].any())
