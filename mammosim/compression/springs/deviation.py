@@ -58,8 +58,8 @@ def remaining_sweeps(means: ArrayLike, limit: float) -> float:
     Returns
     -------
     float
-        0 where the curve is below already; NaN where it does not fall or has fewer than three
-        points.
+        0 where the curve is below already; NaN where it does not fall, has fewer than three
+        points, or no limit is set.
 
     Examples
     --------
@@ -70,4 +70,4 @@ def remaining_sweeps(means: ArrayLike, limit: float) -> float:
     if curve.size and curve[-1] <= limit:
         return 0.0
     a = remaining_deviation(curve, 1)[0]
-    return float(np.log(curve[-1] / limit) / a) if a > 0.0 else np.nan
+    return float(np.log(curve[-1] / limit) / a) if a > 0.0 and limit > 0.0 else np.nan
