@@ -11,9 +11,13 @@ import numpy as np
 from mammosim._jit import contracting_kernel, inlined_kernel
 
 
+SAMPLES = 4
+"""Surface points where the fraction passes one half between two cells."""
+
+
 @contracting_kernel
 def count_crossings(fraction, out_layers):
-    """Number of surface points of each layer; see `surface_points`."""
+    """Number of neighbouring cells of each layer between which the fraction passes one half."""
     for i in range(fraction.shape[0] - 1):
         count = 0
         for j in range(fraction.shape[1] - 1):
@@ -29,9 +33,12 @@ def count_crossings(fraction, out_layers):
 def surface_points(fraction, out_cells, out_local, out_area, out_normal):
     """Points between neighbouring elements where the tissue fraction passes one half.
 
-    The fraction is taken as linear between the centres of two cells. A point belongs to the one
-    that is an element, and may lie up to half an edge outside it. A part of the surface with normal
-    m has (|m_x| + |m_y| + |m_z|) points a unit of area; `out_area` is the inverse.
+    The fraction is taken as linear between the centres of two cells. Each place has `SAMPLES`
+    points on the surface's tangent plane, spread along x and z: where the surface is stretched
+    around the plates' edge, a single point an element would let it cut through the edge. They
+    belong to the cell that is an element, and may lie up to half an edge outside it. A part of the
+    surface with normal m has (|m_x| + |m_y| + |m_z|) places a unit of area; `out_area` is a part of
+    its inverse.
     """
     count = 0
     for i in range(fraction.shape[0] - 1):
@@ -44,17 +51,38 @@ def surface_points(fraction, out_cells, out_local, out_area, out_normal):
                         continue
                     place = 0.5 + (here - 0.5) / (here - there)
                     inside = here >= 0.5
-                    out_cells[count, 0] = i if inside else p
-                    out_cells[count, 1] = j if inside else q
-                    out_cells[count, 2] = k if inside else r
-                    out_local[count, :] = 0.5
-                    out_local[count, axis] = place if inside else place - 1.0
                     normal = _normal(fraction, i, j, k, p, q, r)
                     total = abs(normal[0]) + abs(normal[1]) + abs(normal[2])
-                    for d in range(3):
-                        out_normal[count, d] = normal[d]
-                    out_area[count] = 1.0 / max(total, 1.0)
-                    count += 1
+                    for sample in range(SAMPLES):
+                        out_cells[count, 0] = i if inside else p
+                        out_cells[count, 1] = j if inside else q
+                        out_cells[count, 2] = k if inside else r
+                        out_local[count, :] = 0.5
+                        out_local[count, axis] = place if inside else place - 1.0
+                        _spread(out_local[count], normal, axis, sample)
+                        for d in range(3):
+                            out_normal[count, d] = normal[d]
+                        out_area[count] = 1.0 / (max(total, 1.0) * SAMPLES)
+                        count += 1
+
+
+@inlined_kernel
+def _spread(local, normal, axis, sample):
+    """Move a point on the tangent plane, along the axes of x and z that are not `axis`."""
+    along_x = along_z = (sample + 0.5) / SAMPLES - 0.5
+    if axis == 0:
+        along_x = 0.0
+    elif axis == 2:
+        along_z = 0.0
+    else:  # two by two
+        along_x, along_z = 0.5 * (sample // 2) - 0.25, 0.5 * (sample % 2) - 0.25
+    steep = max(abs(normal[axis]), 1e-3)
+    rise = -(normal[0] * along_x + normal[2] * along_z) / (
+        steep if normal[axis] >= 0.0 else -steep
+    )
+    local[0] += along_x
+    local[2] += along_z
+    local[axis] = min(max(local[axis] + rise, -0.5), 1.5)
 
 
 @contracting_kernel

@@ -49,7 +49,7 @@ class SurfacePoints:
         fraction = body.fraction
         layers = np.zeros(fraction.shape[0], np.int64)
         kernels.count_crossings(fraction, layers)
-        count = int(layers.sum())
+        count = kernels.SAMPLES * int(layers.sum())
         cells, local = np.zeros((count, 3), np.int32), np.zeros((count, 3))
         area, normal = np.zeros(count), np.zeros((count, 3))
         kernels.surface_points(fraction, cells, local, area, normal)
