@@ -84,7 +84,7 @@ def compress_hyperelastic(
         volume,
         open_ended=breast.open_end is not None,
     )
-    stages = Stages(mesh, settings.force_tolerance, watch)
+    stages = Stages(mesh, edge, settings.force_tolerance, watch)
 
     def with_force(plates: Plates, start: _Reached | None) -> tuple[_Reached, float]:
         near = start is not None and start.plates.thickness_mm - plates.thickness_mm < (

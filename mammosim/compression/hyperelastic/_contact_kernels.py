@@ -10,9 +10,8 @@ import numpy as np
 
 from mammosim._jit import contracting_kernel, inlined_kernel
 
-
 SAMPLES = 4
-"""Surface points where the fraction passes one half between two cells."""
+"""Surface points near the plates' edge where the fraction passes one half between two cells."""
 
 
 @contracting_kernel
@@ -30,15 +29,13 @@ def count_crossings(fraction, out_layers):
 
 
 @contracting_kernel
-def surface_points(fraction, out_cells, out_local, out_area, out_normal):
+def surface_points(fraction, samples, out_cells, out_local, out_area, out_normal):
     """Points between neighbouring elements where the tissue fraction passes one half.
 
-    The fraction is taken as linear between the centres of two cells. Each place has `SAMPLES`
-    points on the surface's tangent plane, spread along x and z: where the surface is stretched
-    around the plates' edge, a single point an element would let it cut through the edge. They
-    belong to the cell that is an element, and may lie up to half an edge outside it. A part of the
-    surface with normal m has (|m_x| + |m_y| + |m_z|) places a unit of area; `out_area` is a part of
-    its inverse.
+    The fraction is taken as linear between the centres of two cells. Each place of layer i has
+    ``samples[i]`` points, 1 or `SAMPLES`, spread along x and z on the surface's slope. They belong
+    to the cell that is an element, and may lie an edge outside it. A part of the surface with
+    normal m has (|m_x| + |m_y| + |m_z|) places a unit of area; `out_area` is a part of its inverse.
     """
     count = 0
     for i in range(fraction.shape[0] - 1):
@@ -53,36 +50,66 @@ def surface_points(fraction, out_cells, out_local, out_area, out_normal):
                     inside = here >= 0.5
                     normal = _normal(fraction, i, j, k, p, q, r)
                     total = abs(normal[0]) + abs(normal[1]) + abs(normal[2])
-                    for sample in range(SAMPLES):
+                    slope_x = 0.0 if axis == 0 else _slope(fraction, i, j, k, axis, 0)
+                    slope_z = 0.0 if axis == 2 else _slope(fraction, i, j, k, axis, 2)
+                    outward = 1.0 if inside else -1.0
+                    steep = max(1.0, abs(slope_x), abs(slope_z))
+                    for sample in range(samples[i]):
                         out_cells[count, 0] = i if inside else p
                         out_cells[count, 1] = j if inside else q
                         out_cells[count, 2] = k if inside else r
                         out_local[count, :] = 0.5
                         out_local[count, axis] = place if inside else place - 1.0
-                        _spread(out_local[count], normal, axis, sample)
+                        along_x, along_z = _spread(axis, sample, samples[i])
+                        along_x, along_z = along_x / steep, along_z / steep
+                        out_local[count, 0] += along_x
+                        out_local[count, 2] += along_z
+                        out_local[count, axis] += outward * (slope_x * along_x + slope_z * along_z)
                         for d in range(3):
                             out_normal[count, d] = normal[d]
-                        out_area[count] = 1.0 / (max(total, 1.0) * SAMPLES)
+                        out_area[count] = 1.0 / (max(total, 1.0) * samples[i])
                         count += 1
 
 
 @inlined_kernel
-def _spread(local, normal, axis, sample):
-    """Move a point on the tangent plane, along the axes of x and z that are not `axis`."""
-    along_x = along_z = (sample + 0.5) / SAMPLES - 0.5
+def _spread(axis, sample, samples):
+    """Distance of a point from the middle of its place, along x and z but not along `axis`."""
+    if samples == 1:
+        return 0.0, 0.0
+    along = (sample + 0.5) / SAMPLES - 0.5
     if axis == 0:
-        along_x = 0.0
-    elif axis == 2:
-        along_z = 0.0
-    else:  # two by two
-        along_x, along_z = 0.5 * (sample // 2) - 0.25, 0.5 * (sample % 2) - 0.25
-    steep = max(abs(normal[axis]), 1e-3)
-    rise = -(normal[0] * along_x + normal[2] * along_z) / (
-        steep if normal[axis] >= 0.0 else -steep
-    )
-    local[0] += along_x
-    local[2] += along_z
-    local[axis] = min(max(local[axis] + rise, -0.5), 1.5)
+        return 0.0, along
+    if axis == 2:
+        return along, 0.0
+    return 0.5 * (sample // 2) - 0.25, 0.5 * (sample % 2) - 0.25
+
+
+@inlined_kernel
+def _slope(fraction, i, j, k, axis, along):
+    """Slope of the surface's height over `axis` along x or z; the smaller of both sides'.
+
+    It is 0 at a crest and at a sharp edge.
+    """
+    step_i, step_k = int(along == 0), int(along == 2)
+    here = _height(fraction, i, j, k, axis)
+    ahead = _height(fraction, i + step_i, j, k + step_k, axis) - here
+    behind = here - _height(fraction, i - step_i, j, k - step_k, axis)
+    if ahead * behind <= 0.0:
+        return 0.0
+    smaller = min(abs(ahead), abs(behind))
+    return smaller if ahead > 0.0 else -smaller
+
+
+@inlined_kernel
+def _height(fraction, i, j, k, axis):
+    """Sum of the fractions along `axis` over three cells on each side of where it passes a half."""
+    total = 0.0
+    for d in range(-2, 4):
+        p = min(max(i + (d if axis == 0 else 0), 0), fraction.shape[0] - 1)
+        q = min(max(j + (d if axis == 1 else 0), 0), fraction.shape[1] - 1)
+        r = min(max(k + (d if axis == 2 else 0), 0), fraction.shape[2] - 1)
+        total += fraction[p, q, r]
+    return total
 
 
 @contracting_kernel

@@ -44,15 +44,20 @@ class SurfacePoints:
     normal: NDArray[np.float64]
 
     @classmethod
-    def of(cls, body: Body) -> SurfacePoints:
-        """Where the tissue fraction of the elements passes one half, but for what is held."""
+    def of(cls, body: Body, dense: tuple[float, float] = (0.0, 0.0)) -> SurfacePoints:
+        """Where the tissue fraction of the elements passes one half, but for what is held.
+
+        Between the two places along x in `dense` there are several points an element.
+        """
         fraction = body.fraction
-        layers = np.zeros(fraction.shape[0], np.int64)
+        layers, place = np.zeros(fraction.shape[0], np.int64), np.arange(fraction.shape[0]) + 0.5
         kernels.count_crossings(fraction, layers)
-        count = kernels.SAMPLES * int(layers.sum())
+        near = (place > dense[0]) & (place < dense[1])
+        samples = np.where(near, kernels.SAMPLES, 1)
+        count = int(layers @ samples)
         cells, local = np.zeros((count, 3), np.int32), np.zeros((count, 3))
         area, normal = np.zeros(count), np.zeros((count, 3))
-        kernels.surface_points(fraction, cells, local, area, normal)
+        kernels.surface_points(fraction, samples, cells, local, area, normal)
         moves = body.free[2] > 0.0
         loose = np.zeros(count, bool)
         for corner in product((0, 1), repeat=3):

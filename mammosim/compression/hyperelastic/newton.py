@@ -30,9 +30,9 @@ ENOUGH = 1e-4
 ROUNDING = 1e-13
 """Relative, of the energy's sum over a million elements."""
 
-FAR = 1.0
-"""Out-of-balance force, in units of the plates', above which the exact tangent, once it has proved
-indefinite, is not tried again in the step that follows."""
+MOST_SKIPPED = 3
+"""Steps at most in which the exact tangent is not tried after it has proved indefinite: one after
+the first time, two after the second in a row, and so on."""
 
 LOOSEST = 0.03
 """Part of its residual that a Newton step's linear problem may leave (Eisenstat & Walker 1996)."""
@@ -154,7 +154,7 @@ def minimise(
     """
     value, length, cycles = evaluate(body, contact, u), 1.0, 0
     eigenvalues: list[float] = []
-    indefinite = False
+    failures = skipped = 0
     interrupted = False
     least = LEAST_STRAIN * float(body.shear.max()) * np.sqrt(np.count_nonzero(body.nodes))
     for number in range(max_steps + 1):
@@ -165,10 +165,13 @@ def minimise(
         if done or length == 0.0 or number == max_steps:
             break
         try:
-            exact = step.out_of_balance < FAR or not indefinite
+            exact = skipped == failures
             direction, cycles, eigenvalues, indefinite = _newton_direction(
                 body, contact, u, value, step, exact, eigenvalues, workspace
             )
+            skipped = 0 if exact else skipped + 1
+            if exact:
+                failures = min(failures + 1, MOST_SKIPPED) if indefinite else 0
             u, value, length = _descend(body, contact, u, value, direction)
         except KeyboardInterrupt:
             interrupted = True

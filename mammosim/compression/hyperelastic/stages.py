@@ -30,6 +30,11 @@ UNFOLDING = (30.0, 0.5)
 """`local_part` and `least_volume` of a body whose start may have folded elements, at first: most of
 its bulk modulus acts at each point, which unfolds them, and a fold costs little else."""
 
+EDGE_REACH = 4.0
+"""Distance from the plates' edge, in units of its radius, within which the surface has several
+points an element: it is stretched around the edge there, and would cut through it between points
+that are too far apart."""
+
 INCREMENT = 0.06
 """Part of the breast's height by which the plates close at a time, at first."""
 
@@ -58,6 +63,8 @@ class Stages:
     Parameters
     ----------
     mesh : Mesh
+    edge_mm : float
+        Place along x of the plates' edge, mm.
     tolerance : float
         Out-of-balance force at the end.
     watch : callable, optional
@@ -67,6 +74,7 @@ class Stages:
     def __init__(
         self,
         mesh: Mesh,
+        edge_mm: float,
         tolerance: float,
         watch: Callable[[np.void], None] | None = None,
     ) -> None:
@@ -77,17 +85,29 @@ class Stages:
             if np.count_nonzero(coarse.nodes) < FEWEST_NODES:
                 break
             self.bodies.append(coarse)
-        self.points = [SurfacePoints.of(body) for body in self.bodies]
+        near = EDGE_REACH * EDGE_RADIUS_MM * np.array([-1.0, 1.0]) + edge_mm
+        self.points = [
+            SurfacePoints.of(body, tuple(self._lattice_x(near, level)))
+            for level, body in enumerate(self.bodies)
+        ]
         self.rows: list[np.void] = []
         self._watch = watch
         self._workspace = Workspace()
         self._softness = _mean_modulus(mesh.body)
 
-    def contact(self, level: int, plates: Plates) -> Contact:
-        """The surface of one of the bodies between plates."""
+    def _frame(self, level: int) -> tuple[NDArray[np.float64], float]:
+        """Place of the first node of one of the bodies and the edge of its elements, mm."""
         size = 2.0**level
         corner = self.mesh.nodes.origin_mm + (1.0 - size) * self.mesh.nodes.spacing_mm
-        edge = size * float(self.mesh.nodes.spacing_mm[0])
+        return corner, size * float(self.mesh.nodes.spacing_mm[0])
+
+    def _lattice_x(self, x_mm: NDArray[np.float64], level: int) -> NDArray[np.float64]:
+        corner, edge = self._frame(level)
+        return (x_mm - corner[0]) / edge
+
+    def contact(self, level: int, plates: Plates) -> Contact:
+        """The surface of one of the bodies between plates."""
+        corner, edge = self._frame(level)
         return Contact(
             self.points[level],
             (plates.support_z_mm - corner[2]) / edge,
@@ -152,12 +172,10 @@ class Stages:
 
     def _touching(self, level: int, plates: Plates) -> Plates:
         """Plates that just touch the surface in front of their edge, or are where they end."""
-        contact, size = self.contact(level, plates), 2.0**level
+        contact, (corner, edge) = self.contact(level, plates), self._frame(level)
         places = self.points[level].cells + self.points[level].local
         ahead = places[places[:, 0] > contact.edge]
-        spacing = size * float(self.mesh.nodes.spacing_mm[2])
-        corner = self.mesh.nodes.origin_mm[2] + (1.0 - size) * self.mesh.nodes.spacing_mm[2]
-        low, high = (float(z) * spacing + corner for z in (ahead[:, 2].min(), ahead[:, 2].max()))
+        low, high = (float(z) * edge + corner[2] for z in (ahead[:, 2].min(), ahead[:, 2].max()))
         return Plates(min(low, plates.support_z_mm), max(high, plates.paddle_z_mm), plates.edge_mm)
 
     def _minimise(
