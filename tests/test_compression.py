@@ -16,7 +16,7 @@ from mammosim.compression.lattice import (
 )
 from mammosim.compression.plates import population_thickness_mm
 from mammosim.geometry import View
-from mammosim.tissues import stiffness_kpa
+from mammosim.tissues import Moduli, stiffness_kpa
 
 
 @pytest.fixture(scope="module")
@@ -184,7 +184,7 @@ def test_model_none_moves_nothing(breast):
 
 
 def test_lattice_has_the_moduli_and_the_volume_of_the_phantom(breast):
-    lattice = build_lattice(breast, View("CC", "L"), 2.0, "thesis")
+    lattice = build_lattice(breast, View("CC", "L"), 2.0, Moduli("thesis"))
     volume = lattice.tissue.sum() * 8.0 * 1e-3
     # Blocks of 2 mm along a surface of radius 28 mm.
     assert volume == pytest.approx(breast_volume_ml(breast), rel=0.03)
@@ -196,7 +196,7 @@ def test_lattice_has_the_moduli_and_the_volume_of_the_phantom(breast):
 
 def test_a_property_of_the_tissues_is_averaged_as_the_modulus_is(breast):
     view = View("MLO", "L")
-    lattice = build_lattice(breast, view, 2.0, "thesis")
+    lattice = build_lattice(breast, view, 2.0, Moduli("thesis"))
     again = tissue_mean(breast, view, lattice, lambda tissue: stiffness_kpa(tissue, "thesis"))
     np.testing.assert_array_equal(again, lattice.modulus)
     ones = tissue_mean(breast, view, lattice, lambda tissue: 1.0)
@@ -205,7 +205,7 @@ def test_a_property_of_the_tissues_is_averaged_as_the_modulus_is(breast):
 
 def test_rotated_lattice_holds_the_same_breast(breast):
     straight, turned = (
-        build_lattice(breast, View(name, "L"), 2.0, "thesis") for name in ("CC", "MLO")
+        build_lattice(breast, View(name, "L"), 2.0, Moduli("thesis")) for name in ("CC", "MLO")
     )
     assert turned.tissue.sum() == pytest.approx(straight.tissue.sum(), rel=0.02)
 
@@ -217,7 +217,7 @@ def test_tissue_that_hangs_on_nothing_is_left_out_and_said():
     apart = mammosim.BreastPhantom(
         labels, breast.voxel_mm, breast.origin_mm, "L", breast.tissue_of_label, breast.nipple_mm
     )
-    lattice = build_lattice(apart, View("CC", "L"), 2.0, "thesis")
+    lattice = build_lattice(apart, View("CC", "L"), 2.0, Moduli("thesis"))
     assert any("not tied to the chest wall" in note for note in lattice.notes)
 
 
@@ -231,6 +231,11 @@ def test_tissue_that_hangs_on_nothing_is_left_out_and_said():
             {"model": "jelly"},
             r"compression.model: found 'jelly', expected 'springs', 'hyperelastic' or 'none'",
         ),
+        (
+            {"stiffness_kpa": {"jelly": 1.0}},
+            r"compression.stiffness_kpa: .*unknown tissue jelly; expected one of adipose, artery",
+        ),
+        ({"stiffness_kpa": {"skin": 0.0}}, r"compression.stiffness_kpa.skin"),
         ({"stiffness": "steel"}, r"compression.stiffness: found 'steel', expected one of thesis"),
         ({"thickness_mm": 30.0, "force_n": 5.0}, r"give one of thickness_mm, force_n"),
         ({"paddle_z_mm": 30.0}, r"given together or not at all"),

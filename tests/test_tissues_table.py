@@ -10,6 +10,7 @@ from mammosim.tissues import (
     LESION_LABELS,
     STIFFNESS_SETS,
     TISSUES,
+    Moduli,
     density_g_cm3,
     load_label_map,
     stiffening,
@@ -88,3 +89,12 @@ def test_bad_label_maps(text, message, tmp_path):
 def test_unknown_label_map():
     with pytest.raises(InputError, match=r"phantom\.labels: found 'vitcre', expected one of"):
         load_label_map("vitcre")
+
+
+def test_given_moduli_stand_for_the_sets_and_reach_what_is_like_them():
+    moduli = Moduli("victre", {"mass": 100.0, "gland": 9.0})
+    assert moduli("mass") == 100.0
+    assert moduli("calcification") == 100.0  # victre does not name it: it is like mass
+    assert moduli("duct") == 15.0  # victre names it
+    assert moduli("muscle") == 9.0
+    assert Moduli("thesis")("skin") == stiffness_kpa("skin", "thesis")

@@ -72,7 +72,7 @@ def compress_hyperelastic(
     reach = tissue_front(breast)
     fixed = muscle_is_fixed(settings, reach)
     mesh = build_mesh(
-        breast, view, settings.resolution_mm, settings.stiffness, settings.chest_wall, fixed
+        breast, view, settings.resolution_mm, settings.moduli, settings.chest_wall, fixed
     )
     edge = plate_edge_mm(settings, reach, fixed)
     volume = breast_volume_ml(breast)

@@ -13,7 +13,7 @@ from mammosim.compression.connectivity import held_together
 from mammosim.errors import InputError
 from mammosim.geometry import View, VoxelFrame
 from mammosim.phantom import BreastPhantom
-from mammosim.tissues import stiffness_kpa
+from mammosim.tissues import Moduli
 
 SMALLEST_PART = 0.5
 """A node is tissue where at least this part of its block is."""
@@ -85,7 +85,7 @@ def build_lattice(
     breast: BreastPhantom,
     view: View,
     resolution_mm: float,
-    stiffness_set: str,
+    moduli: Moduli,
     shift: tuple[float, float] = (0.0, 0.0),
 ) -> Lattice:
     """Lattice of a phantom in the compression frame of a view.
@@ -96,8 +96,8 @@ def build_lattice(
     view : View
     resolution_mm : float
         Node spacing, mm.
-    stiffness_set : str
-        Set of the tissue table.
+    moduli : Moduli
+        Young's modulus of each tissue.
     shift : tuple of float
         By which part of the spacing the nodes lie off their usual place along y and z.
 
@@ -106,7 +106,7 @@ def build_lattice(
     Nodes that no chain of neighbours ties to the chest wall have no place of rest and are left out.
     """
     frame = _frame_around(breast, view, resolution_mm, shift)
-    fraction, modulus, muscle = gather_tissue(breast, view, frame, stiffness_set)
+    fraction, modulus, muscle = gather_tissue(breast, view, frame, moduli)
     tissue = fraction >= SMALLEST_PART
     tissue[[0, -1]] = tissue[:, [0, -1]] = tissue[:, :, [0, -1]] = False
     chest_wall = np.zeros_like(tissue)
@@ -124,7 +124,7 @@ def build_lattice(
 
 
 def gather_tissue(
-    breast: BreastPhantom, view: View, frame: VoxelFrame, stiffness_set: str
+    breast: BreastPhantom, view: View, frame: VoxelFrame, moduli: Moduli
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Tissue in the blocks around the points of a frame (compression frame), each [x, y, z].
 
@@ -137,7 +137,7 @@ def gather_tissue(
     muscle : ndarray of float32
         Part of that tissue that is muscle.
     """
-    return _gather(breast, view, frame, lambda tissue: stiffness_kpa(tissue, stiffness_set))
+    return _gather(breast, view, frame, moduli)
 
 
 def tissue_mean(

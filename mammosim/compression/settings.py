@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from mammosim.config import Settings
-from mammosim.tissues import STIFFNESS_SETS
+from mammosim.tissues import STIFFNESS_SETS, TISSUES, Moduli
 
 SPRINGS_ONLY = ("spring_law", "gravity", "chest_wall_mm", "plates_voxel")
 """Keys that other models do not know."""
@@ -98,6 +98,10 @@ class CompressionSettings(Settings):
     stiffness: str = "thesis"
     """Stiffness set of the tissue table; `thesis` is what the spring model was published with."""
 
+    stiffness_kpa: dict[str, Annotated[float, Field(gt=0, le=1e4)]] = Field(default_factory=dict)
+    """Young's modulus of single tissues in place of the set's, as {skin: 60, mass: 100}; tissues
+    that the set does not name follow the one they are like."""
+
     spring_law: Literal["linear", "exponential"] = "linear"
     """Whether springs keep their stiffness or gain with strain as in the thesis' listing, E = Ec
     exp(Enl e); clinical forces need the latter."""
@@ -127,6 +131,20 @@ class CompressionSettings(Settings):
         if value not in STIFFNESS_SETS:
             raise ValueError(f"expected one of {', '.join(STIFFNESS_SETS)}")
         return value
+
+    @field_validator("stiffness_kpa")
+    @classmethod
+    def _known_tissues(cls, value: dict[str, float]) -> dict[str, float]:
+        unknown = sorted(set(value) - (set(TISSUES) - {"air"}))
+        if unknown:
+            names = ", ".join(sorted(set(TISSUES) - {"air"}))
+            raise ValueError(f"unknown tissue {', '.join(unknown)}; expected one of {names}")
+        return value
+
+    @property
+    def moduli(self) -> Moduli:
+        """Young's modulus of each tissue."""
+        return Moduli(self.stiffness, self.stiffness_kpa)
 
     @model_validator(mode="after")
     def _springs_do_not_slide(self) -> Self:

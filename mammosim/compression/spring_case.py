@@ -83,7 +83,7 @@ def make_case(
     InputError
         If the chest wall that the settings name would hold all tissue or none.
     """
-    lattice = build_lattice(breast, view, settings.resolution_mm, settings.stiffness, lattice_shift)
+    lattice = build_lattice(breast, view, settings.resolution_mm, settings.moduli, lattice_shift)
     chest = _chest_layer(lattice, reach)
     fixed = np.zeros(lattice.modulus.shape, bool)
     fixed[: chest + 1] = lattice.tissue[: chest + 1]

@@ -22,7 +22,7 @@ from mammosim.compression.spring_model import displacement_field
 from mammosim.compression.springs import solve
 from mammosim.compression.thesis_units import in_millimetres
 from mammosim.phantom import BreastPhantom
-from mammosim.tissues import TISSUES, stiffness_kpa
+from mammosim.tissues import TISSUES, Moduli
 
 SAMPLE_TOLERANCE = 0.01
 """Of a sample's equilibrium, lattice units: a hundredth of what samples of a 1 mm lattice differ
@@ -103,7 +103,7 @@ class SpringSampler:
         self._cases: list[tuple[SpringCase, dict[str, NDArray[np.float32]]]] = []
         for shift in LATTICE_SHIFTS if vary_lattice else LATTICE_SHIFTS[:1]:
             case = make_case(breast, squeezed.view, settings, reach, muscle_fixed, shift)
-            self._cases.append((case, self._parts(breast, case, settings.stiffness)))
+            self._cases.append((case, self._parts(breast, case, settings.moduli)))
 
     def field(self, sample: SpringSample) -> DisplacementField | None:
         """Displacement of one sample; None where the solver did not reach its tolerance."""
@@ -122,7 +122,7 @@ class SpringSampler:
         return Plates(middle - 0.5 * gap, middle + 0.5 * gap, plates.edge_mm + sample.edge_mm)
 
     def _parts(
-        self, breast: BreastPhantom, case: SpringCase, stiffness_set: str
+        self, breast: BreastPhantom, case: SpringCase, moduli: Moduli
     ) -> dict[str, NDArray[np.float32]]:
         """What each group adds to the nodes' moduli, kPa; together they are the moduli."""
         parts = {}
@@ -130,7 +130,7 @@ class SpringSampler:
 
             def one_more(tissue: str, group: str = group) -> float:
                 own = stiffness_group(tissue) == group
-                return 1.0 + (stiffness_kpa(tissue, stiffness_set) if own else 0.0)
+                return 1.0 + (moduli(tissue) if own else 0.0)
 
             # Means are taken of positive properties: one is added, and taken away again.
             mean = tissue_mean(breast, self._view, case.lattice, one_more)

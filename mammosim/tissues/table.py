@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from types import MappingProxyType
@@ -108,6 +109,38 @@ def stiffness_kpa(tissue: str, stiffness_set: str) -> float:
             raise InputError(f"tissue '{entry.name}' has no stiffness in set '{stiffness_set}'")
         entry = TISSUES[entry.like]
     return entry.stiffness_kpa[stiffness_set]
+
+
+@dataclass(frozen=True)
+class Moduli:
+    """Young's modulus of every tissue: a stiffness set, and what is given in its place.
+
+    Parameters
+    ----------
+    stiffness_set : str
+        One of `STIFFNESS_SETS`.
+    given : mapping of str to float
+        Modulus of single tissues, kPa; those that take it over in the table (`like`) follow, but
+        for tissues that the set names.
+
+    Examples
+    --------
+    >>> moduli = Moduli("victre", {"mass": 100.0})
+    >>> moduli("mass"), moduli("calcification"), moduli("gland")
+    (100.0, 100.0, 15.0)
+    """
+
+    stiffness_set: str
+    given: Mapping[str, float] = field(default_factory=dict)
+
+    def __call__(self, tissue: str) -> float:
+        """Young's modulus of a tissue other than air, kPa."""
+        entry = TISSUES[tissue]
+        while entry.name not in self.given:
+            if self.stiffness_set in entry.stiffness_kpa or entry.like is None:
+                return stiffness_kpa(tissue, self.stiffness_set)
+            entry = TISSUES[entry.like]
+        return self.given[entry.name]
 
 
 def stiffening(tissue: str) -> float:

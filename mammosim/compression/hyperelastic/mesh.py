@@ -12,7 +12,7 @@ from mammosim.compression.lattice import Lattice, bounds_mm, gather_tissue
 from mammosim.errors import InputError
 from mammosim.geometry import View, VoxelFrame
 from mammosim.phantom import BreastPhantom
-from mammosim.tissues import poisson_ratio
+from mammosim.tissues import Moduli, poisson_ratio
 
 WALL = 1
 """x index of the chest wall's nodes."""
@@ -43,7 +43,7 @@ def build_mesh(
     breast: BreastPhantom,
     view: View,
     resolution_mm: float,
-    stiffness_set: str,
+    moduli: Moduli,
     chest_wall: str,
     muscle_fixed: bool,
 ) -> Mesh:
@@ -55,8 +55,8 @@ def build_mesh(
     view : View
     resolution_mm : float
         Edge of an element, mm.
-    stiffness_set : str
-        Set of the tissue table.
+    moduli : Moduli
+        Young's modulus of each tissue.
     chest_wall : {"fixed", "sliding"}
         `sliding` holds the wall along its normal, and along y on its mid-line.
     muscle_fixed : bool
@@ -68,10 +68,10 @@ def build_mesh(
         If no element touches the chest wall.
     """
     blocks, middle = _element_frame(breast, view, resolution_mm)
-    fraction, modulus, muscle = gather_tissue(breast, view, blocks, stiffness_set)
+    fraction, modulus, muscle = gather_tissue(breast, view, blocks, moduli)
     for axis in range(3):
         np.moveaxis(fraction, axis, 0)[[0, -2, -1]] = 0.0
-    ratio = poisson_ratio(stiffness_set)
+    ratio = poisson_ratio(moduli.stiffness_set)
     weighted = modulus * fraction
     shear, bulk = weighted / (2.0 * (1.0 + ratio)), weighted / (3.0 * (1.0 - 2.0 * ratio))
     solid = fraction >= SMALLEST_PART
