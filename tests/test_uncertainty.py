@@ -154,6 +154,20 @@ def test_all_moduli_together_change_nothing_one_alone_does(sampler):
     assert stiffness_group("tdlu") == "gland"
 
 
+def test_a_sample_is_the_same_on_any_number_of_threads():
+    """On a lattice large enough for threads to be woken: 2 mm, 80 000 nodes."""
+    body = half_ellipsoid_breast(voxel_mm=2.0, semi_axes_mm=(70.0, 70.0, 60.0))
+    squeezed = compress(body, view="CC", thickness_mm=70.0, resolution_mm=2.0)
+    varied = SpringSampler(squeezed, CompressionSettings(resolution_mm=2.0), vary_lattice=False)
+    sample = SpringSample({"gland": 1.5, "skin": 0.7}, thickness_mm=3.0)
+    fields = []
+    for threads in (1, numba.config.NUMBA_NUM_THREADS):
+        numba.set_num_threads(threads)
+        fields.append(varied.field(sample).displacement_mm)
+    numba.set_num_threads(1)
+    np.testing.assert_array_equal(*fields)
+
+
 def test_a_sample_is_never_squeezed_flat(sampler):
     varied, squeezed = sampler
     field = varied.field(SpringSample({}, thickness_mm=-100.0))

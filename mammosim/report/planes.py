@@ -32,7 +32,7 @@ FRAMES = 9
 MARGIN_MM = 6.0
 
 _JPEG_QUALITY = 80
-_FAT_SHARE = 0.25  # of the brightness of gland, a length; only shape and gland are to be seen
+_FAT_SHARE = 0.1  # of the brightness of gland, a length; only shape and gland are to be seen
 _BRIGHTEST = 0.995  # quantile of the pixels with tissue that is shown white
 
 
