@@ -16,13 +16,13 @@ from mammosim.cohort.cluster import local_client, remote_client, share_machine, 
 from mammosim.cohort.dataset import FOLDER as DATASET
 from mammosim.cohort.dataset import check_exports, write_manifest
 from mammosim.cohort.description import Cohort
-from mammosim.cohort.patient import Outcome, Patient, make_patient, note_failure
+from mammosim.cohort.patient import Outcome, Patient, make_patient, note_failure, patient_gb
 from mammosim.cohort.progress import Progress
 from mammosim.cohort.status import PROGRESS, RECORD, patient_folder
 from mammosim.cohort.table import write_tables
 from mammosim.errors import InputError, Interrupted
 from mammosim.export import write_json
-from mammosim.pipeline import check_settings, make_plan, writing
+from mammosim.pipeline import check_settings, writing
 
 Tell = Callable[[Progress], None]
 
@@ -96,7 +96,7 @@ def _checked(cohort: Cohort) -> float:
             config = cohort.config_of(patient)
             check_exports(config, cohort.settings.dataset, cohort.where)
             check_settings(config)
-            needs.append(make_plan(config).memory_gb)
+            needs.append(patient_gb(config))
         except InputError as error:
             problems = problems or error
     if problems is not None and not needs:
