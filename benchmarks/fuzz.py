@@ -95,7 +95,14 @@ def main() -> None:
         sys.addaudithook(_watch)
         failures = 0
         kinds = {
-            "configurations": (try_values, try_text, try_cohort),
+            "configurations": (
+                try_values,
+                try_values,
+                try_cohort,
+                try_values,
+                try_cohort,
+                try_text,
+            ),
             "files": (try_phantom, try_phantom, try_run_folder, try_cohort_folder),
         }
         for kind, count in (("configurations", wanted.configurations), ("files", wanted.files)):

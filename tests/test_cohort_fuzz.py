@@ -19,7 +19,7 @@ CONFIGS = Path(__file__).parents[1] / "configs"
 RUN, COHORT = (read_yaml(CONFIGS / f"{name}.yaml") for name in ("quickstart", "cohort"))
 
 QUICK = settings(
-    max_examples=60, deadline=None, derandomize=True, database=None,
+    max_examples=40, deadline=None, derandomize=True, database=None,
     suppress_health_check=[HealthCheck.too_slow],
 )  # fmt: skip
 

@@ -97,6 +97,8 @@ def test_missing_file():
         ("a: !!python/object/apply:os.system [ls]", "not valid YAML"),
         ("? [1, 2]\n: 3", "not plain YAML"),
         ("2024-05-01: 3", "not plain YAML"),
+        ('a: "\\ud800"', "which is no text"),
+        ('"\\udc00": 1', "which is no text"),
         ("a: &x [*x]", r"an alias that refers to itself"),
         (
             "a: &a [x, x, x, x, x, x, x, x, x]\n"
@@ -115,6 +117,11 @@ def test_what_is_not_plain_yaml_is_refused(text, message, tmp_path):
         read_yaml(path)
 
 
+def test_a_file_without_an_end_is_refused():
+    with pytest.raises(InputError, match=r"/dev/zero: longer than \d+ characters"):
+        read_yaml("/dev/zero")
+
+
 def test_bytes_are_not_text(tmp_path):
     path = tmp_path / "bytes.yaml"
     path.write_bytes(b"\xff\xfe\x00\x01")
@@ -131,3 +138,11 @@ def test_written_yaml_reads_back(tmp_path):
     write_yaml(values, tmp_path / "c.yaml")
     assert read_yaml(tmp_path / "c.yaml") == values
     assert list(read_yaml(tmp_path / "c.yaml")) == ["b", "a"]
+
+
+@pytest.mark.parametrize("text", ["{", "[" * 100_000, '{"a": "\\ud800"}'])
+def test_what_is_not_plain_json_is_refused(text, tmp_path):
+    path = tmp_path / "bad.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"not valid JSON|which is no text"):
+        read_yaml(path)

@@ -180,6 +180,8 @@ def _patients_file(
 
 def _csv_rows(path: Path) -> tuple[list[str], list[dict[str, str]]]:
     try:
+        if path.exists() and not path.is_file():  # a device may have no end
+            raise InputError(f"{path}: cannot be read (not a file)")
         with path.open(encoding="utf-8-sig", newline="") as stream:
             lines = [line for line in csv.reader(stream, strict=True) if line]
     except FileNotFoundError:

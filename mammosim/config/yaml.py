@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,12 +14,15 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from mammosim.errors import InputError
 
+MOST_CHARACTERS = 10_000_000
+"""Of a file: far above any configuration; a device, as /dev/zero, has no end."""
+
 MOST_VALUES = 100_000
 """In one file, aliases followed: far above any configuration, far below what fills memory."""
 
 
 def read_yaml(path: str | os.PathLike[str]) -> Any:
-    """Read a YAML 1.2 file of plain values (no tags, no code, no duplicate keys).
+    """Read a YAML 1.2 file, or one of JSON by its ending, of plain values (no tags, no code, no duplicate keys).
 
     Parameters
     ----------
@@ -36,13 +40,18 @@ def read_yaml(path: str | os.PathLike[str]) -> Any:
         If the file is missing, unreadable, not text or not YAML; the message names the line.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        with Path(path).open(encoding="utf-8") as stream:
+            text = stream.read(MOST_CHARACTERS + 1)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    if len(text) > MOST_CHARACTERS:
+        raise InputError(f"{path}: longer than {MOST_CHARACTERS} characters")
+    if Path(path).suffix == ".json":
+        return _checked(_parse_json(text, str(path)), str(path))
     return _parse(text, str(path))
 
 
@@ -60,8 +69,24 @@ def _parse(text: str, where: str) -> Any:
         raise InputError(f"{where}{line}: not valid YAML ({error.problem})") from None
     except (YAMLError, ValueError, RecursionError) as error:
         raise InputError(f"{where}: not valid YAML ({str(error).splitlines()[0]})") from None
-    if not all(_has_plain_keys(item) for item in _walk(value, MOST_VALUES)):
-        raise InputError(f"{where}: not plain YAML (a key is a list, a mapping or a date)")
+    return _checked(value, where)
+
+
+def _parse_json(text: str, where: str) -> Any:
+    """A record that a run wrote: as YAML it would take a hundred times as long."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where}: not valid JSON ({error})") from None
+
+
+def _checked(value: Any, where: str) -> Any:
+    """Plain values, not too many of them."""
+    for item in _walk(value, MOST_VALUES):
+        if not _has_plain_keys(item):
+            raise InputError(f"{where}: not plain YAML (a key is a list, a mapping or a date)")
+        if not _is_text(item):
+            raise InputError(f"{where}: found {item!a:.60}, which is no text: half of a character")
     if sum(1 for _ in _walk(value, MOST_VALUES)) > MOST_VALUES:
         raise InputError(
             f"{where}: more than {MOST_VALUES} values, or an alias that refers to itself"
@@ -78,6 +103,7 @@ def _walk(value: Any, most: int) -> Iterator[Any]:
         yield item
         if isinstance(item, dict):
             waiting.extend(item.values())
+            waiting.extend(key for key in item if isinstance(key, str))
         elif isinstance(item, list | tuple | set):
             waiting.extend(item)
 
@@ -85,6 +111,15 @@ def _walk(value: Any, most: int) -> Iterator[Any]:
 def _has_plain_keys(item: Any) -> bool:
     return not isinstance(item, dict) or all(
         key is None or isinstance(key, str | int | float) for key in item
+    )
+
+
+def _is_text(item: Any) -> bool:
+    """Whether text can be written; YAML's escapes can name halves of characters (surrogates)."""
+    return (
+        not isinstance(item, str)
+        or item.isascii()
+        or not any("\ud800" <= letter <= "\udfff" for letter in item)
     )
 
 
