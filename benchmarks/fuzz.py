@@ -94,15 +94,9 @@ def main() -> None:
         signal.signal(signal.SIGPROF, _hang)
         sys.addaudithook(_watch)
         failures = 0
+        values = (try_values, try_cohort, try_values, try_cohort, try_values)
         kinds = {
-            "configurations": (
-                try_values,
-                try_values,
-                try_cohort,
-                try_values,
-                try_cohort,
-                try_text,
-            ),
+            "configurations": (*values, try_text),
             "files": (try_phantom, try_phantom, try_run_folder, try_cohort_folder),
         }
         for kind, count in (("configurations", wanted.configurations), ("files", wanted.files)):

@@ -22,7 +22,9 @@ MOST_VALUES = 100_000
 
 
 def read_yaml(path: str | os.PathLike[str]) -> Any:
-    """Read a YAML 1.2 file, or one of JSON by its ending, of plain values (no tags, no code, no duplicate keys).
+    """Read a YAML 1.2 file of plain values (no tags, no code, no duplicate keys).
+
+    A file that ends in ``.json`` is read as JSON.
 
     Parameters
     ----------
