@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mammosim.errors import InputError
 from mammosim.phantom.breast import BreastPhantom, Lesion
 from mammosim.phantom.found_lesions import bounding_box
-from mammosim.phantom.paint_lesion import distance_mm, paint_lesion, window_around
+from mammosim.phantom.paint_lesion import Site, distance_mm, paint_lesion, window_around
 from mammosim.phantom.place import box_text, draw_place, tissue_at
 from mammosim.phantom.settings import LesionSettings
 from mammosim.tissues import LESION_LABELS
@@ -61,7 +61,7 @@ def insert_lesions(
     labels, made = breast.labels.copy(), list(breast.lesions)
     own = rng.spawn(len(lesions))
     for entry, centre, label, lesion_rng in zip(lesions, centres, free, own, strict=False):
-        made.append(paint_lesion(breast, labels, entry, centre, label, lesion_rng))
+        made.append(paint_lesion(Site(breast, labels, entry, centre, label), lesion_rng))
     tissue_of_label = dict(breast.tissue_of_label)
     tissue_of_label.update({lesion.label: lesion.tissue for lesion in made})
     return dataclasses.replace(

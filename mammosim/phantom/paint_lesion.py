@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -53,123 +55,112 @@ def distance_mm(
     return distance
 
 
-def paint_lesion(
-    breast: BreastPhantom,
-    labels: NDArray[np.uint8],
-    entry: LesionSettings,
-    centre: NDArray[np.float64],
-    label: int,
-    rng: np.random.Generator,
-) -> Lesion:
-    """Label a lesion's voxels, in place, and describe it.
+@dataclass(frozen=True, eq=False)
+class Site:
+    """Where a lesion is put.
 
     Parameters
     ----------
     breast : BreastPhantom
         Before any lesion.
     labels : ndarray of uint8, [x, y, z]
-        Changed.
+        Changed by painting.
     entry : LesionSettings
-    centre : ndarray, (3,)
+    centre_mm : ndarray, (3,)
         Breast frame, mm.
     label : int
-        Of its voxels.
-    rng : Generator
+        Of the lesion's voxels.
+    """
+
+    breast: BreastPhantom
+    labels: NDArray[np.uint8]
+    entry: LesionSettings
+    centre_mm: NDArray[np.float64]
+    label: int
+
+    @property
+    def radius_mm(self) -> float:
+        """Of the lesion, mm."""
+        return 0.5 * self.entry.size_mm
+
+    def window(
+        self, centre_mm: NDArray[np.float64], radius_mm: float
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+        """Voxels around a ball, as a view, and their positions from its centre, mm."""
+        corner, window = window_around(self.breast, centre_mm, radius_mm, self.labels)
+        return window, _offsets(self.breast, corner, window.shape, centre_mm)
+
+
+def paint_lesion(site: Site, rng: np.random.Generator) -> Lesion:
+    """Label a lesion's voxels, in place, and describe it.
 
     Raises
     ------
     InputError
         If calcifications of an artery find none.
     """
-    radius = 0.5 * entry.size_mm
+    entry = site.entry
     if entry.kind == "mass":
-        _paint_mass(breast, labels, entry, centre, label, rng)
-        return _described(breast, labels, entry, centre, label, None)
+        _paint_mass(site, rng)
+        return _described(site, None)
     if entry.morphology == "vascular":
-        true_mm3 = _paint_wall(breast, labels, entry, centre, label, rng)
-        return _described(breast, labels, entry, centre, label, true_mm3)
+        return _described(site, _paint_wall(site, rng))
     balls = [clip_ball(entry.size_mm, rng)]
     if entry.kind == "calcification":
-        way = breast.nipple_mm - centre
+        way = site.breast.nipple_mm - site.centre_mm
         towards = way / max(float(np.linalg.norm(way)), 1e-9)
         balls = cluster_balls(
-            radius, entry.count, entry.calcification_mm, rng, entry.morphology, towards
+            site.radius_mm, entry.count, entry.calcification_mm, rng, entry.morphology, towards
         )
     for ball in balls:
-        _paint_ball(breast, labels, ball, centre, label)
-    return _described(
-        breast, labels, entry, centre, label, sum(ball.volume_mm3 for ball in balls)
-    )  # fmt: skip
+        _paint_ball(site, ball)
+    return _described(site, sum(ball.volume_mm3 for ball in balls))
 
 
-def _paint_mass(
-    breast: BreastPhantom,
-    labels: NDArray[np.uint8],
-    entry: LesionSettings,
-    centre: NDArray[np.float64],
-    label: int,
-    rng: np.random.Generator,
-) -> None:
-    radius = 0.5 * entry.size_mm
-    corner, window = window_around(breast, centre, radius, labels)
-    offsets = _offsets(breast, corner, window.shape, centre)
-    thinnest = THINNEST_PART * float(breast.voxel_mm.max())
-    mask = inside_mass(offsets, radius, entry.margin, rng, thinnest)
-    window[mask if mask.any() else _nearest(offsets)] = label
+def _paint_mass(site: Site, rng: np.random.Generator) -> None:
+    window, offsets = site.window(site.centre_mm, site.radius_mm)
+    thinnest = THINNEST_PART * float(site.breast.voxel_mm.max())
+    mask = inside_mass(offsets, site.radius_mm, site.entry.margin, rng, thinnest)
+    window[mask if mask.any() else _nearest(offsets)] = site.label
 
 
-def _paint_wall(
-    breast: BreastPhantom,
-    labels: NDArray[np.uint8],
-    entry: LesionSettings,
-    centre: NDArray[np.float64],
-    label: int,
-    rng: np.random.Generator,
-) -> float:
+def _paint_wall(site: Site, rng: np.random.Generator) -> float:
     """Label stretches of the wall of arteries within a ball; returns their volume, mm3.
 
-    A voxel of the artery is of the wall if a neighbour by a face is not artery. Stretches are
-    where slow noise along the vessel is above its median of `WALL_SHARE`.
+    A voxel of the artery is of the wall if a neighbour by a face is not artery. Of the wall the
+    share `WALL_SHARE` is taken where slow noise is highest.
     """
-    radius = 0.5 * entry.size_mm
-    corner, window = window_around(breast, centre, radius, labels)
-    offsets = _offsets(breast, corner, window.shape, centre)
+    window, offsets = site.window(site.centre_mm, site.radius_mm)
     artery = window == TISSUES["artery"].label
     wall = artery & ~ndimage.binary_erosion(artery, border_value=1)
-    wall &= (offsets**2).sum(axis=-1) <= radius**2
+    wall &= (offsets**2).sum(axis=-1) <= site.radius_mm**2
     if not wall.any():
         raise InputError(
-            f"lesion '{entry.name}': no artery within {radius:g} mm of "
-            f"{np.round(centre, 1).tolist()} mm, expected one for morphology 'vascular'; leave "
-            "position_mm out, or give a breast with labelled arteries"
+            f"lesion '{site.entry.name}': no artery within {site.radius_mm:g} mm of "
+            f"{np.round(site.centre_mm, 1).tolist()} mm, expected one for morphology 'vascular'; "
+            "leave position_mm out, or give a breast with labelled arteries"
         )
-    waves, phases = rng.standard_normal((6, 3)) / WALL_STRETCH_MM, rng.uniform(0.0, 6.28, 6)
+    waves, phases = rng.standard_normal((6, 3)) / WALL_STRETCH_MM, rng.uniform(0.0, 2 * np.pi, 6)
     noise = np.cos(offsets[wall] @ waves.T + phases).sum(axis=-1)
     chosen = np.zeros(wall.shape, bool)
     chosen[wall] = noise >= np.quantile(noise, 1.0 - WALL_SHARE)
-    window[chosen] = label
-    thickness = entry.calcification_mm or WALL_MM
-    filled = min(1.0, thickness / float(breast.voxel_mm.mean()))
-    return filled * np.count_nonzero(chosen) * float(np.prod(breast.voxel_mm))
+    window[chosen] = site.label
+    thickness = site.entry.calcification_mm or WALL_MM
+    filled = min(1.0, thickness / float(site.breast.voxel_mm.mean()))
+    return filled * np.count_nonzero(chosen) * float(np.prod(site.breast.voxel_mm))
 
 
-def _paint_ball(
-    breast: BreastPhantom,
-    labels: NDArray[np.uint8],
-    ball: Ball,
-    centre: NDArray[np.float64],
-    label: int,
-) -> None:
+def _paint_ball(site: Site, ball: Ball) -> None:
     """Label the voxels whose centre lies in a ball or rod, or else the nearest one."""
-    at = centre + ball.offset_mm
-    corner, window = window_around(breast, at, ball.radius_mm + ball.half_length_mm, labels)
-    offsets = _offsets(breast, corner, window.shape, at)
-    # A rod thinner than three quarters of a voxel would break up into pieces.
-    thinnest = 0.75 * float(breast.voxel_mm.max()) if ball.half_length_mm > 0 else 0.0
-    mask = ball.contains(offsets, thinnest)
+    window, offsets = site.window(
+        site.centre_mm + ball.offset_mm, ball.radius_mm + ball.half_length_mm
+    )
+    # A rod longer than two voxels and thinner than three quarters of one would break up.
+    voxel = float(site.breast.voxel_mm.max())
+    mask = ball.contains(offsets, 0.75 * voxel if ball.half_length_mm > voxel else 0.0)
     if not mask.any():
         mask = _nearest(offsets)
-    window[mask & (window != 0)] = label
+    window[mask & (window != 0)] = site.label
 
 
 def _nearest(offsets: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -179,21 +170,15 @@ def _nearest(offsets: NDArray[np.float64]) -> NDArray[np.bool_]:
     return mask
 
 
-def _described(
-    breast: BreastPhantom,
-    labels: NDArray[np.uint8],
-    entry: LesionSettings,
-    centre: NDArray[np.float64],
-    label: int,
-    true_mm3: float | None,
-) -> Lesion:
+def _described(site: Site, true_mm3: float | None) -> Lesion:
     """The lesion's record, from the voxels it got."""
-    corner, window = window_around(breast, centre, 0.5 * entry.size_mm + 2.0, labels)
-    index = np.argwhere(window == label)
+    breast, entry = site.breast, site.entry
+    corner, window = window_around(breast, site.centre_mm, site.radius_mm + 2.0, site.labels)
+    index = np.argwhere(window == site.label)
     painted_mm3 = len(index) * float(np.prod(breast.voxel_mm))
     position = breast.frame.position_mm(corner + index.mean(axis=0))
     volume = painted_mm3 if true_mm3 is None else true_mm3
     fill = 1.0 if true_mm3 is None else min(1.0, true_mm3 / painted_mm3)
     return Lesion(
-        entry.name, entry.kind, label, entry.kind, position, min(volume, painted_mm3), fill
+        entry.name, entry.kind, site.label, entry.kind, position, min(volume, painted_mm3), fill
     )
