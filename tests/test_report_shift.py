@@ -215,7 +215,7 @@ window.addEventListener("load", async () => {
   if (show) {
     show.click();
     const said = document.getElementById("solid-said");
-    for (let n = 0; n < 200 && !/Drag|cannot/.test(said.textContent); n++) {
+    for (let n = 0; n < 90 && !/Drag|cannot/.test(said.textContent); n++) {
       await new Promise((done) => setTimeout(done, 50));
     }
     seen.solid = said.textContent;
@@ -238,17 +238,21 @@ window.addEventListener("load", async () => {
 
 
 def opened(text, folder):
-    """What the probe saw of a page in headless Chromium, without any network."""
+    """What the probe saw of a page in headless Chromium, without any network.
+
+    Time is virtual: what is not computing goes by at once. Each virtual second of a 3-D view is 60
+    pictures drawn without a graphics card, so there are few of them, of a small window.
+    """
     file = folder / "report.html"
     text = text.replace("<head>", LISTEN, 1).replace("</body>", PROBE)
     file.write_text(text, encoding="utf-8")
     options = [
         "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
         "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder / 'profile'}",
-        "--virtual-time-budget=30000", "--dump-dom",
+        "--window-size=500,400", "--virtual-time-budget=6000", "--dump-dom",
     ]  # fmt: skip
     done = subprocess.run(
-        [str(CHROMIUM), *options, file.as_uri()], capture_output=True, text=True, timeout=180,
+        [str(CHROMIUM), *options, file.as_uri()], capture_output=True, text=True, timeout=300,
         check=True,
     )  # fmt: skip
     found = re.search(r'<pre id="probe">(.*?)</pre>', done.stdout, re.S)
