@@ -42,6 +42,8 @@ COHORT = {
 }  # fmt: skip
 TIMES = {"run.json", "report.html", "failure.json"}
 MOST_SECONDS = 1800.0
+LONGEST_PAUSE_S = 8.0
+"""Between two kills: workers need some seconds to start, and a patient takes one or two."""
 
 
 def main() -> None:
@@ -89,8 +91,7 @@ def killed_workers(folder: Path, kills: int) -> tuple[str, Path]:
                 record.unlink()
             starts += 1
             command = run(folder, output, "--workers", "2", "--resume")
-        # As long between two kills as three patients take on average: all through the cohort.
-        time.sleep(rng.uniform(0.0, 3.0 * pace(folder)))
+        time.sleep(rng.uniform(0.0, LONGEST_PAUSE_S))
         owners = [owner for lock in output.glob("patients/*/.lock") if (owner := pid_in(lock))]
         if owners and kill(rng.choice(owners)):
             done += 1
@@ -209,12 +210,6 @@ def data_of(output: Path) -> dict[str, bytes]:
     lines = (output / "table.csv").read_text().splitlines()
     found["table.csv"] = "\n".join(line.rsplit(",", 5)[0] for line in lines).encode()
     return found
-
-
-def pace(folder: Path) -> float:
-    """Seconds a patient took in peace, on average."""
-    records = [json.loads(path.read_text()) for path in (folder / "peace").rglob("run.json")]
-    return sum(sum(record["stage_seconds"].values()) for record in records) / len(records)
 
 
 def finished(output: Path) -> int:

@@ -148,6 +148,7 @@ def _plot(values: Sequence[Any], label: str, what: str) -> dict[str, str]:
             axes.tick_params(axis="x", labelrotation=30)
     axes.set_xlabel(label)
     axes.set_ylabel(what)
+    axes.yaxis.get_major_locator().set_params(integer=True)
     axes.spines[["top", "right"]].set_visible(False)
     stream = io.BytesIO()
     with matplotlib.rc_context({"font.size": 9}):
