@@ -69,8 +69,6 @@ def again(user, first, *arguments, output=None):
         ("acquisition.kvp=31", ["phantom", "LCC.compression"]),
         ("projection.pixel_mm=0.9", ["phantom", "LCC.compression"]),
         ("compression.thickness_mm=37", ["phantom"]),
-        ("compression.resolution_mm=4", ["phantom"]),
-        ("phantom.generate.density=dense", []),
         ("laterality=R", []),
         ("seed=4", []),
     ],

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import tifffile
+from PIL import Image
 from scipy.stats import kstest, norm, truncnorm, uniform
 
 from mammosim.cohort import load_cohort
 from mammosim.cohort.cluster import share_machine
+from mammosim.cohort.dataset import check_exports
 from mammosim.cohort.description import part_of
 from mammosim.cohort.distributions import KINDS, stream
 from mammosim.cohort.progress import Progress
@@ -15,7 +20,8 @@ from mammosim.cohort.status import cohort_status
 from mammosim.cohort.table import table_schema
 from mammosim.config import write_yaml
 from mammosim.errors import InputError
-from mammosim.pipeline import RunConfig
+from mammosim.export import write_learning_pair
+from mammosim.pipeline import RunConfig, make_plan
 
 PHANTOM = {"generate": {"voxel_mm": 3.0, "volume_ml": {"uniform": [160, 260], "decimals": 0}}}
 
@@ -174,6 +180,39 @@ def test_memory_decides_how_many_workers_there_are(monkeypatch):
     assert share_machine(3.0, 1, None, None).count == 1
     with pytest.raises(InputError, match=r"takes about 30 GB of memory, but 20 GB are to be had"):
         share_machine(30.0, 100, None, None)
+
+
+@pytest.mark.parametrize(
+    ("export", "message"),
+    [
+        ({"tiff": False}, r"export.tiff: found false, but cohort.dataset needs its masks"),
+        ({"dicom": False}, r"export.dicom: found false, but cohort.dataset takes its pictures"),
+    ],
+)
+def test_a_data_set_needs_the_files_that_it_is_made_of(export, message, tmp_path):
+    found = cohort(tmp_path, export=export, cohort={"patients": 2, "dataset": {}})
+    with pytest.raises(InputError, match=message):
+        check_exports(found.config_of(0), found.settings.dataset, found.where)
+    check_exports(found.config_of(0), None, found.where)
+
+
+def test_a_pair_for_learning_is_made_of_a_runs_files(tmp_path):
+    with pytest.raises(InputError, match=r"mammogram.tif: cannot be read \(No such file"):
+        write_learning_pair(tmp_path, "processing", tmp_path / "i.png", tmp_path / "m.png")
+    for name, value in (("mammogram.tif", 9000), ("lesion_mask.tif", 300)):
+        tifffile.imwrite(tmp_path / name, np.full((4, 3), value, np.uint16))
+    with pytest.raises(InputError, match=r"found a lesion numbered 300, expected at most 255"):
+        write_learning_pair(tmp_path, "processing", tmp_path / "i.png", tmp_path / "m.png")
+    tifffile.imwrite(tmp_path / "lesion_mask.tif", np.eye(4, 3, dtype=np.uint8) * 7)
+    write_learning_pair(tmp_path, "processing", tmp_path / "i.png", tmp_path / "m.png")
+    assert (np.array(Image.open(tmp_path / "i.png")) == 9000).all()
+    assert np.array(Image.open(tmp_path / "m.png")).tolist() == (np.eye(4, 3) * 7).tolist()
+
+
+def test_the_shipped_cohort_is_sound():
+    found = load_cohort(Path(__file__).parents[1] / "configs" / "cohort.yaml")
+    for patient in range(found.patients):
+        assert make_plan(found.config_of(patient)).memory_gb < 4
 
 
 def test_the_expected_end():

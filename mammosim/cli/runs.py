@@ -37,7 +37,8 @@ def new(name: Annotated[str, typer.Argument(help="Name of the example, as quicks
             raise InputError(f"{target}: exists already; remove it first") from None
         except OSError as error:
             raise InputError(f"{target}: cannot be written ({error.strerror})") from None
-        out.print(f"wrote {target}; run it with: mammosim run {target}")
+        command = "cohort run" if name == "cohort" else "run"
+        out.print(f"wrote {target}; run it with: mammosim {command} {target}")
 
 
 @contextmanager

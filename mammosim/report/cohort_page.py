@@ -13,6 +13,7 @@ import jinja2
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 A_VIEW = (
@@ -148,7 +149,7 @@ def _plot(values: Sequence[Any], label: str, what: str) -> dict[str, str]:
             axes.tick_params(axis="x", labelrotation=30)
     axes.set_xlabel(label)
     axes.set_ylabel(what)
-    axes.yaxis.get_major_locator().set_params(integer=True)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.spines[["top", "right"]].set_visible(False)
     stream = io.BytesIO()
     with matplotlib.rc_context({"font.size": 9}):
