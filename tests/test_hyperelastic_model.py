@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 import mammosim
+from mammosim.compression.hyperelastic._element_kernels import element_volumes
 from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import Contact, SurfacePoints
 from mammosim.compression.hyperelastic.newton import evaluate, minimise
@@ -202,3 +203,67 @@ def test_agrees_with_a_finite_element_code():
     np.testing.assert_allclose(
         squeezed.displacement_at(points[ball]).mean(axis=0), expected[ball].mean(axis=0), atol=0.3
     )
+
+
+def far_from_plates(body):
+    return Contact(SurfacePoints.of(body), -1e3, 1e3, -1e3, 1.0, 1.0)
+
+
+def energy_of_a_stiff_ball(cells, radius, ratio, strain):
+    """Radius of a ball of voxels, and the energy that it adds to a cube whose surface is strained.
+
+    The energy is in units of that of the cube alone in the ball's volume.
+    """
+    shape = (cells + 3,) * 3
+    place = np.indices(shape) - (1 + cells / 2) + 0.5
+    ball = (place**2).sum(axis=0) <= radius**2
+    fraction = np.zeros(shape, np.float32)
+    fraction[1:-2, 1:-2, 1:-2] = 1.0
+    stiff = np.where(ball, np.float32(ratio), np.float32(1.0)) * fraction
+    held = np.ones((3, *shape), bool)
+    held[:, 2:-3, 2:-3, 2:-3] = False
+    body = Body.of(fraction, SHEAR * stiff, BULK * stiff, held)
+    u = np.indices(shape) * (strain * np.array([-0.5, -0.5, 1.0]))[:, None, None, None]
+    state = minimise(body, far_from_plates(body), u, 1e-5, Workspace())
+    assert state.converged
+    alone = cells**3 * SHEAR * 1.5 * strain**2
+    return np.cbrt(0.75 * ball.sum() / np.pi), (
+        state.value.energy / alone - 1.0
+    ) * cells**3 / ball.sum()
+
+
+def test_a_stiff_ball_costs_the_energy_that_eshelby_says():
+    """A ball ten times as stiff, strained by a small amount; in the limit of small elements."""
+    ratio, strain = 10.0, 1e-3
+    poisson = (3 * BULK - 2 * SHEAR) / (2 * (3 * BULK + SHEAR))
+    beta = 2 * (4 - 5 * poisson) / (15 * (1 - poisson))  # Eshelby 1957, Proc R Soc A 241:376
+    filled = 4 / 3 * np.pi / 6**3  # of the cube, by the ball (Mori & Tanaka 1973)
+    expected = (ratio - 1) / (1 + (1 - filled) * beta * (ratio - 1))
+    radii, added = np.array([energy_of_a_stiff_ball(6 * r, r, ratio, strain) for r in (3, 5)]).T
+    # Elements beside the ball are stiffened with it: it seems larger by about half an element.
+    slope, limit = np.polyfit(1 / radii, np.cbrt(added / expected), 1)
+    assert 0.3 < slope < 0.7
+    assert limit == pytest.approx(1.0, abs=0.03)  # the next order in the element size is left
+
+
+def test_a_nearly_incompressible_block_neither_locks_nor_shows_a_checkerboard():
+    """A cube on a floor that holds it, pressed from above: pressure varies from point to point."""
+    forces = []
+    for cells in (6, 12):
+        shape = (cells + 3,) * 3
+        fraction = np.zeros(shape, np.float32)
+        fraction[1:-2, 1:-2, 1:-2] = 1.0
+        held = np.zeros((3, *shape), bool)
+        held[:, :, :, 1] = True
+        body = Body.of(fraction, SHEAR * fraction, BULK * fraction, held)
+        contact = Contact(SurfacePoints.of(body), -1e3, 1 + 0.8 * cells, -1e3, 1.0, 1e4)
+        state = minimise(body, contact, np.zeros((3, *shape)), 1e-3, Workspace())
+        assert state.converged
+        forces.append(contact.plate_force(state.value.pressure, state.value.push)[0] / cells**2)
+    volume, smallest = np.ones(shape), np.ones(shape)
+    element_volumes(state.u, body.element_span, volume, smallest)
+    change = volume[1:-2, 1:-2, 1:-2] - 1.0
+    sign = np.indices(change.shape).sum(axis=0) % 2 * 2.0 - 1.0
+    blocks = (change * sign).reshape(6, 2, 6, 2, 6, 2).mean(axis=(1, 3, 5))
+    assert np.abs(blocks).mean() < 0.01 * np.abs(change).mean()  # 0.0007 was measured
+    assert forces[0] == pytest.approx(forces[1], rel=0.04)  # 2.6 %: the floor's corners

@@ -11,7 +11,11 @@ from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.continuation import continued
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.force_control import reach_force
-from mammosim.compression.hyperelastic.measures import body_measures, weakest_place
+from mammosim.compression.hyperelastic.measures import (
+    body_measures,
+    unbalanced_place,
+    weakest_place,
+)
 from mammosim.compression.hyperelastic.mesh import WALL, build_mesh
 from mammosim.compression.hyperelastic.newton import State
 from mammosim.compression.hyperelastic.stages import HISTORY, Stages
@@ -119,6 +123,13 @@ def _result(
         notes = (
             *notes,
             f"{measures['inverted_cells']:.0f} elements are folded, the worst at "
+            f"({place[0]:.1f}, {place[1]:.1f}, {place[2]:.1f}) mm",
+        )
+    if not state.converged and state.last.out_of_balance > 0.0:
+        place = unbalanced_place(mesh, state, view.rotation)
+        notes = (
+            *notes,
+            "the largest unbalanced force is at "
             f"({place[0]:.1f}, {place[1]:.1f}, {place[2]:.1f}) mm",
         )
     moved = continued(state.u, mesh.body.nodes, AIR_LAYERS, straight=1)

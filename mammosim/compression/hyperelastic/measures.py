@@ -63,6 +63,16 @@ def weakest_place(mesh: Mesh, state: State, rotation: NDArray[np.float64]) -> ND
     return np.asarray(place @ rotation)
 
 
+def unbalanced_place(
+    mesh: Mesh, state: State, rotation: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Place at rest of the node with the largest unbalanced force, breast frame, mm."""
+    square = (state.value.force**2).sum(axis=0)
+    node = np.unravel_index(np.argmax(square), square.shape)
+    place = mesh.nodes.origin_mm + np.array(node) * mesh.nodes.spacing_mm
+    return np.asarray(place @ rotation)
+
+
 def _volumes(mesh: Mesh, state: State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Volume ratio and smallest J of each element, 1 where there is none."""
     volume, smallest = (np.ones(mesh.body.shear.shape) for _ in range(2))
