@@ -27,6 +27,7 @@ from mammosim.phantom.anatomy import (
     _noise_kernels,
     _tube_kernels,
     expected_volume_ml,
+    generate,
 )
 from mammosim.phantom.anatomy.axilla import draw_axilla
 from mammosim.phantom.anatomy.muscle import draw_muscle, fit_volume
@@ -393,6 +394,29 @@ def test_noise_agrees_with_its_twin():
         assert _noise_kernels.gradient_noise(*point, 77) == pytest.approx(
             naive.gradient_noise(point, 77), abs=1e-10
         )
+
+
+def test_gland_is_where_the_full_potential_exceeds_the_threshold():
+    """The kernel stops adding noise where it no longer matters; the sampler never does."""
+    settings = GenerateSettings(voxel_mm=2.5, volume_ml=300.0, density="c")
+    shape, field, lobule, duct, vessel = np.random.default_rng(5).spawn(5)
+    anatomy = generate._anatomy(settings, shape, field, duct, vessel)
+    lattice = generate._lattice(anatomy, settings.voxel_mm)
+    texture = generate._texture(anatomy, 5, lobule)
+    size = (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size)
+    labels, potential, state = (np.zeros(size, kind) for kind in (np.uint8, np.float32, np.uint8))
+    paint = generate._paint(anatomy)._replace(threshold=0.7)
+    _kernels.sample_potential(labels, lattice, texture, paint, 1, potential, state)
+    _kernels.paint_tissue(labels, lattice, texture, paint)
+    # Where the skin's dither does not reach.
+    inside = np.isin(state, [_kernels.FAT_OR_GLAND, _kernels.WALL_OR_GLAND])
+    inside &= ndimage.binary_erosion(inside, iterations=2)
+    near = np.abs(potential - 0.7) < 1e-6  # single precision
+    assert inside.sum() > 3000
+    assert 0.1 < (labels[inside] == LABEL["gland"]).mean() < 0.9
+    np.testing.assert_array_equal(
+        (labels == LABEL["gland"])[inside & ~near], (potential > 0.7)[inside & ~near]
+    )
 
 
 def test_noise_is_zero_at_lattice_points_and_of_unit_variance():

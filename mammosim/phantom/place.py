@@ -104,13 +104,7 @@ def draw_place(
         apart &= (centres - end.off_point_mm) @ end.off_normal < -radius_mm
     for centre, radius in taken:
         apart &= np.linalg.norm(centres - centre, axis=1) > radius + radius_mm + 1.0
-    choices = centres[apart]
-    for tissues in PREFERRED[kind]:
-        labels = [TISSUES[tissue].label for tissue in tissues]
-        preferred = apart & np.isin(coarse[tuple(index.T)], labels)
-        if preferred.any():
-            choices = centres[preferred]
-            break
+    choices = _in_preferred(centres, apart, coarse[tuple(index.T)], kind)
     if len(choices) == 0:
         raise InputError(
             f"lesion '{name}': no place has room for its {2 * radius_mm:.1f} mm; the roomiest "
@@ -119,3 +113,14 @@ def draw_place(
         )
     chosen: NDArray[np.float64] = choices[rng.integers(len(choices))]
     return chosen
+
+
+def _in_preferred(
+    centres: NDArray[np.float64], free: NDArray[np.bool_], labels: NDArray[np.uint8], kind: str
+) -> NDArray[np.float64]:
+    """Those free places that lie in the first tissue of a kind that there is, or else all."""
+    for tissues in PREFERRED[kind]:
+        within = free & np.isin(labels, [TISSUES[tissue].label for tissue in tissues])
+        if within.any():
+            return centres[within]
+    return centres[free]

@@ -19,9 +19,9 @@ CHANNELS = 7
 NOT_COUNTED, FAT_OR_GLAND, WALL_OR_GLAND, TUBE, FAT = 0, 1, 2, 3, 4
 """What a sampled voxel is whatever the threshold; air, skin, nipple and muscle are not counted."""
 
-NOISE_BOUND = 4.0
-"""No value of gradient noise counts for more: its gradients are bounded, and 4 standard
-deviations were not seen in a thousand million values."""
+NOISE_BOUND = 5.0
+"""No octave of gradient noise is expected to count for more: of ten million values the largest was
+4.6 standard deviations."""
 
 
 class Lattice(NamedTuple):
