@@ -27,22 +27,23 @@ COHORT = {
     "cohort": {"patients": 20, "dataset": {}},
     "phantom": {
         "generate": {
-            "voxel_mm": 3.0, "volume_ml": {"uniform": [200, 400]},
+            "voxel_mm": 4.0, "volume_ml": {"uniform": [160, 260]},
             "density": {"choice": ["fatty", "scattered", "heterogeneous", "dense"]},
         },
         "lesions": [
             {"name": "mass", "kind": "mass", "diameter_mm": {"normal": [9, 2], "within": [6, 14]}}
         ],
     },
-    "compression": {"resolution_mm": 5},
-    "projection": {"pixel_mm": 1.0},
+    "compression": {"resolution_mm": 6},
+    "projection": {"pixel_mm": 1.5},
     "views": ["CC"],
+    "report": {"html": False},
     "laterality": {"choice": ["L", "R"]},
     "seed": 7,
 }  # fmt: skip
 TIMES = {"run.json", "report.html", "failure.json"}
 MOST_SECONDS = 1800.0
-LONGEST_PAUSE_S = 8.0
+LONGEST_PAUSE_S = 4.0
 """Between two kills: workers need some seconds to start, and a patient takes one or two."""
 
 

@@ -91,7 +91,7 @@ def local_client(workers: Workers) -> Iterator[Client]:
     limit = 0 if workers.memory_gb == float("inf") else int(workers.memory_gb * 1e9)
     with dask.config.set(QUIET), LocalCluster(
         n_workers=workers.count, threads_per_worker=1, processes=True, memory_limit=limit,
-        dashboard_address=None, env=environment, silence_logs=logging.CRITICAL,
+        dashboard_address="127.0.0.1:0", env=environment, silence_logs=logging.CRITICAL,
     ) as cluster, Client(cluster) as client:  # fmt: skip
         yield client
 
