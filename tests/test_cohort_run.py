@@ -23,7 +23,8 @@ from make_run import invoke
 from PIL import Image
 
 from mammosim.cohort import cohort_status, load_cohort, run_cohort
-from mammosim.cohort.patient import Patient, make_patient
+from mammosim.cohort.cluster import wait_for_worker
+from mammosim.cohort.patient import Patient, make_patient, patient_gb
 from mammosim.cohort.settings import DatasetSettings
 from mammosim.cohort.status import patient_folder
 from mammosim.config import write_yaml
@@ -226,6 +227,13 @@ def test_one_tidy_table_and_the_failures(disturbed):
     assert "http" not in page
 
 
+def test_no_worker_takes_more_memory_than_a_quarter_above_the_estimate(description, disturbed):
+    cohort = load_cohort(description)
+    for path in disturbed.glob("patients/*/run.json"):
+        peak_mb = json.loads(path.read_text())["peak_memory_mb"]
+        assert peak_mb < 1.25 * 1e3 * patient_gb(cohort.config_of(int(path.parent.name)))
+
+
 def test_the_data_set_is_split_by_patient_and_its_masks_are_the_runs(disturbed):
     rows = list(csv.DictReader((disturbed / "dataset" / "manifest.csv").open(newline="")))
     assert [row["patient"] for row in rows] == ["0", "1", "2", "4"]
@@ -333,6 +341,18 @@ def test_a_cohort_whose_every_patient_is_faulty_is_refused_before_it_begins(desc
     assert result.exit_code == 2
     assert "patient 0: compression.thickness_mm: found -3" in result.output
     assert not (tmp_path / "out").exists()
+
+
+def test_a_scheduler_that_goes_before_it_has_a_worker():
+    class Client:
+        status = "running"
+
+        def nthreads(self):
+            self.status = "closed"
+            raise OSError("connection lost")
+
+    with pytest.raises(Interrupted, match="never had a worker"):
+        wait_for_worker(Client())
 
 
 def test_a_scheduler_that_is_not_there(description, tmp_path):

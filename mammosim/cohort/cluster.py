@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,11 +13,14 @@ import dask
 from dask.system import CPU_COUNT
 from distributed import Client, LocalCluster
 
-from mammosim.errors import InputError
+from mammosim.errors import InputError, Interrupted
 from mammosim.phantom.memory import available_bytes
 
 CONNECT_S = 20.0
 """For a scheduler to answer, or to come back, before it is given up, s."""
+
+WORKER_POLL_S = 0.5
+"""Between two looks for the first worker, s."""
 
 THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS",
                     "OPENBLAS_NUM_THREADS")  # fmt: skip
@@ -113,6 +117,24 @@ def remote_client(address: str) -> Iterator[Client]:
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is said by us
     with client:
         yield client
+
+
+def wait_for_worker(client: Client) -> None:
+    """Wait until a cluster has its first worker, which a batch system may take hours to start.
+
+    Raises
+    ------
+    Interrupted
+        If the scheduler is lost meanwhile.
+    """
+    while client.status != "closed":
+        try:
+            if client.status == "running" and client.nthreads():
+                return
+        except (OSError, TimeoutError):
+            pass  # its state tells at the next turn
+        time.sleep(WORKER_POLL_S)
+    raise Interrupted("the scheduler does not answer any more, and never had a worker", None)
 
 
 def shares(client: Client) -> tuple[int, float]:

@@ -12,7 +12,13 @@ from pathlib import Path
 
 from distributed import Client, Future, KilledWorker
 
-from mammosim.cohort.cluster import local_client, remote_client, share_machine, shares
+from mammosim.cohort.cluster import (
+    local_client,
+    remote_client,
+    share_machine,
+    shares,
+    wait_for_worker,
+)
 from mammosim.cohort.dataset import FOLDER as DATASET
 from mammosim.cohort.dataset import check_exports, write_manifest
 from mammosim.cohort.description import Cohort
@@ -72,15 +78,16 @@ def run_cohort(
         If the scheduler is lost. What was finished is kept, and the next start goes on.
     """
     path = Path(folder)
-    patient_gb = _checked(cohort)
+    largest_gb = _checked(cohort)
     with writing(path):
         write_json(path / RECORD, {
             "title": cohort.title, "folder": str(cohort.folder),
             "cohort_of": {**cohort.values, "seed": cohort.seed,
                           "cohort": cohort.settings.model_dump(mode="json", exclude_none=True)},
         })  # fmt: skip
-        with _client(cohort, scheduler, workers, patient_gb) as (client, threads, memory_gb):
-            work = _Work(cohort, path, client, threads, memory_gb, tell or (lambda progress: None))
+        tell = tell or (lambda progress: None)
+        with _client(cohort, scheduler, workers, largest_gb, tell) as (client, threads, memory_gb):
+            work = _Work(cohort, path, client, threads, memory_gb, tell)
             outcomes = work.through()
         _write_results(cohort, path, outcomes)
         write_json(path / PROGRESS, asdict(work.progress))
@@ -106,14 +113,16 @@ def _checked(cohort: Cohort) -> float:
 
 @contextmanager
 def _client(
-    cohort: Cohort, scheduler: str | None, workers: int | None, patient_gb: float
+    cohort: Cohort, scheduler: str | None, workers: int | None, largest_gb: float, tell: Tell
 ) -> Iterator[tuple[Client, int, float]]:
     """A client, and the threads and memory (GB) of each of its workers."""
     if scheduler is not None:
         with remote_client(scheduler) as client:
+            tell(Progress(cohort.patients))
+            wait_for_worker(client)  # before one is there, nobody knows what it has
             yield (client, *shares(client))
         return
-    share = share_machine(patient_gb, cohort.patients, workers, cohort.settings.memory_gb)
+    share = share_machine(largest_gb, cohort.patients, workers, cohort.settings.memory_gb)
     with local_client(share) as client:
         yield client, share.threads, share.memory_gb
 
