@@ -1,6 +1,6 @@
 """Forty generated breasts, ten a density class, run to CC pictures; and the generator's speed.
 
-    python benchmarks/generator.py [--breasts 10] [--voxel 0.4] [--output DIR]
+    python benchmarks/generator.py [--breasts 10] [--voxel 0.5] [--output DIR]
     python benchmarks/generator.py speed 0.2 [--volume 620]
 
 The first writes a table (breasts.csv), its summary to the terminal and, with matplotlib, the
@@ -46,7 +46,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("speed", nargs="*", help="`speed` and a voxel size in mm")
     parser.add_argument("--breasts", type=int, default=10, help="breasts a density class")
-    parser.add_argument("--voxel", type=float, default=0.4, help="voxel size, mm")
+    parser.add_argument("--voxel", type=float, default=0.5, help="voxel size, mm")
     parser.add_argument("--volume", type=float, help="volume for `speed`, mL")
     parser.add_argument("--output", type=Path, default=Path("generated"))
     chosen = parser.parse_args()
