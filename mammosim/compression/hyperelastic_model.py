@@ -118,7 +118,8 @@ def _result(
 ) -> CompressedBreast:
     mesh = stages.mesh
     measures = body_measures(mesh, stages.contact(0, plates), state)
-    if measures["inverted_cells"] > 0:
+    whole = measures["inverted_cells"] == 0.0
+    if not whole:
         place = weakest_place(mesh, state, view.rotation)
         notes = (
             *notes,
@@ -143,6 +144,6 @@ def _result(
     )
     return CompressedBreast(
         breast, view, "hyperelastic", field, plates.support_z_mm, plates.paddle_z_mm,
-        plates.edge_mm, state.converged, measures, np.array(stages.rows, HISTORY), notes,
+        plates.edge_mm, state.converged and whole, measures, np.array(stages.rows, HISTORY), notes,
         state.interrupted, mesh.elements.modulus,
     )  # fmt: skip

@@ -129,16 +129,15 @@ def _normal(fraction, i, j, k, p, q, r):
 
 @inlined_kernel
 def depth_in_plate(x, z, face, side, edge, radius):
-    """Depth of a place in a plate, and the direction (x, z) of the plate's push on it."""
-    centre = edge + radius
-    if x >= centre:
-        return side * (z - face), 0.0, -side
-    ahead = centre - x
-    below = radius - side * (z - face)
-    if below <= 0.0:
-        return x - edge, -1.0, 0.0
-    distance = np.sqrt(ahead * ahead + below * below)
-    return radius - distance, -ahead / distance, -side * below / distance
+    """Depth of a place in a plate, the shortest way out, and the direction (x, z) of its push."""
+    inwards, behind = side * (z - face), x - edge
+    if inwards < radius and behind < radius:
+        ahead, below = radius - behind, radius - inwards
+        distance = np.sqrt(ahead * ahead + below * below)
+        return radius - distance, -ahead / distance, -side * below / distance
+    if inwards <= behind:
+        return inwards, 0.0, -side
+    return behind, -1.0, 0.0
 
 
 @inlined_kernel

@@ -40,8 +40,9 @@ LOOSEST = 0.03
 MOST_CYCLES = 60
 """V-cycles of one linear problem at most."""
 
-MOST_STEPS = 60
-"""Newton steps of one place of the plates at most; 8 to 15 are usual."""
+MOST_STEPS = 150
+"""Newton steps of one place of the plates at most; 8 to 15 are usual, and far more where the
+surface creases behind the plates' edge."""
 
 LEAST_STRAIN = 1e-3
 """Forces are compared with those of the plates, or with what a strain of this makes where the
