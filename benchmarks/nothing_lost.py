@@ -43,7 +43,7 @@ COHORT = {
 }  # fmt: skip
 TIMES = {"run.json", "report.html", "failure.json"}
 MOST_SECONDS = 1800.0
-LONGEST_PAUSE_S = 4.0
+LONGEST_PAUSE_S = 8.0
 """Between two kills: workers need some seconds to start, and a patient takes one or two."""
 
 

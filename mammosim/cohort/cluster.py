@@ -31,6 +31,7 @@ QUIET = {
     # A worker that paused would never go on: what a finished patient leaves is freed late.
     "distributed.worker.memory.pause": False,
     "distributed.admin.system-monitor.gil.enabled": False,
+    "distributed.deploy.lost-worker-timeout": "5s",
 }
 """Of Dask's configuration, for workers of our own: they hold one patient and no data of Dask's."""
 

@@ -38,6 +38,9 @@ FIRST_PATIENTS = 50
 POLL_S = 0.5
 """Between two looks at what has been finished, s."""
 
+MEND_S = 10.0
+"""Between two looks for local workers that are gone, s."""
+
 NOTE_S = 5.0
 """Between two notes of the progress in the cohort's folder, s."""
 
@@ -143,6 +146,7 @@ class _Work:
         self._running: dict[Future, int] = {}
         self._woken = threading.Event()
         self._start, self._noted = time.monotonic(), 0.0
+        self._local, self._mended = 0, time.monotonic()
 
     def through(self) -> list[Outcome]:
         """Work until every patient is done or has failed."""
@@ -168,6 +172,7 @@ class _Work:
             room = len(self._client.nthreads())
         except (OSError, TimeoutError):
             return  # its state tells at the next turn
+        self._replace_workers(room)
         self.progress = replace(self.progress, workers=room)
         while len(self._running) < room:
             index = self._again.pop() if self._again else next(self._waiting, None)
@@ -179,6 +184,19 @@ class _Work:
             future.add_done_callback(lambda _: self._woken.set())
             self._running[future] = index
         self.progress = replace(self.progress, running=len(self._running))
+
+    def _replace_workers(self, there: int) -> None:
+        """Start local workers anew that are gone for good.
+
+        A worker that dies at work is started again by itself; one that dies while it starts is not.
+        """
+        cluster = self._client.cluster
+        if cluster is None:
+            return
+        self._local = max(self._local, there)
+        if there < self._local and time.monotonic() - self._mended > MEND_S:
+            self._mended = time.monotonic()
+            cluster.scale(self._local)
 
     def _patient(self, index: int) -> Patient:
         cohort, (threads, memory_gb) = self._cohort, self._share
