@@ -23,7 +23,7 @@ from make_run import invoke
 from PIL import Image
 
 from mammosim.cohort import cohort_status, load_cohort, run_cohort
-from mammosim.cohort.cluster import wait_for_worker
+from mammosim.cohort.cluster import Workers, local_client, wait_for_worker
 from mammosim.cohort.patient import Patient, make_patient, patient_gb
 from mammosim.cohort.settings import DatasetSettings
 from mammosim.cohort.status import patient_folder
@@ -359,3 +359,12 @@ def test_a_scheduler_that_is_not_there(description, tmp_path):
     cohort = load_cohort(description)
     with pytest.raises(InputError, match=r"--scheduler nonsense://x: no scheduler answers"):
         run_cohort(cohort, tmp_path / "out", scheduler="nonsense://x")
+
+
+def test_workers_that_do_not_start(monkeypatch):
+    def failing(**_):
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr("mammosim.cohort.cluster.LocalCluster", failing)
+    with pytest.raises(Interrupted, match=r"could not be started \(Nanny failed to start"):
+        local_client(Workers(1, 1, 1.0)).__enter__()

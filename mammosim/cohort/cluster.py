@@ -91,14 +91,25 @@ def share_machine(
 
 @contextmanager
 def local_client(workers: Workers) -> Iterator[Client]:
-    """A client of workers started on this machine, each a process that makes one patient."""
+    """A client of workers started on this machine, each a process that makes one patient.
+
+    Raises
+    ------
+    Interrupted
+        If they do not start, as when something kills them.
+    """
     environment = dict.fromkeys(THREAD_VARIABLES, str(workers.threads))
     limit = 0 if workers.memory_gb == float("inf") else int(workers.memory_gb * 1e9)
-    with dask.config.set(QUIET), LocalCluster(
-        n_workers=workers.count, threads_per_worker=1, processes=True, memory_limit=limit,
-        dashboard_address="127.0.0.1:0", env=environment, silence_logs=logging.CRITICAL,
-    ) as cluster, Client(cluster) as client:  # fmt: skip
-        yield client
+    with dask.config.set(QUIET):
+        try:
+            cluster = LocalCluster(
+                n_workers=workers.count, threads_per_worker=1, processes=True, memory_limit=limit,
+                dashboard_address="127.0.0.1:0", env=environment, silence_logs=logging.CRITICAL,
+            )  # fmt: skip
+        except RuntimeError as error:
+            raise Interrupted(f"the workers could not be started ({error})", None) from None
+        with cluster, Client(cluster) as client:
+            yield client
 
 
 @contextmanager
