@@ -77,7 +77,7 @@ def main() -> None:
             )
             if found != expected:
                 names = expected.keys() | found.keys()
-                print([n for n in sorted(names) if expected.get(n) != found.get(n)][:20])
+                print([n for n in sorted(names) if expected.get(n) != found.get(n)])
                 sys.exit(1)
 
 
