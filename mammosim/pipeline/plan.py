@@ -13,8 +13,9 @@ from mammosim.pipeline.run_config import RunConfig
 BYTES_A_VOXEL = 1.3
 """Fine labels: one byte, and what reading or generating them needs beside it."""
 
-BYTES_A_NODE = 150.0
-"""Of the lattice's box: displacement and force in double, multigrid in single precision."""
+BYTES_A_NODE = {"springs": 150.0, "hyperelastic": 1300.0}
+"""Of the lattice's box: displacement and force in double, multigrid in single precision; a block
+stencil holds 126 numbers a node."""
 
 BYTES_A_PIXEL = 130.0
 """Path lengths of about eight tissues, twice in single precision, and the exposure's images."""
@@ -25,8 +26,11 @@ BYTES_A_PROJECTED_PIXEL = 3.0
 BASE_BYTES = 4.5e8
 """The interpreter with its libraries and compiled code."""
 
+COMPILER_BYTES = 5e8
+"""Numba and LLVM while they compile the kernels, in the first run after an installation."""
+
 SECONDS_A_VOXEL = {"file": 4e-8, "generate": 4e-7}
-SECONDS_A_NODE = {"multigrid": 6e-6, "relaxation": 2e-3}
+SECONDS_A_NODE = {"multigrid": 6e-6, "relaxation": 2e-3, "hyperelastic": 8e-5}
 SECONDS_A_PIXEL = 2.5e-6
 
 
@@ -53,23 +57,25 @@ def make_plan(config: RunConfig) -> Plan:
     for view in config.views:
         compression = config.section_for(view, "compression")
         projection = config.section_for(view, "projection")
-        nodes = 0.0
+        nodes = lattice_bytes = 0.0
         if compression.model != "none":
             nodes = voxels * voxel_volume_mm3 / compression.resolution_mm**3
-            seconds += nodes * SECONDS_A_NODE[compression.solver]
+            lattice_bytes = nodes * BYTES_A_NODE[compression.model]
+            springs = compression.model == "springs"
+            seconds += nodes * SECONDS_A_NODE[compression.solver if springs else "hyperelastic"]
             seconds += nodes * SECONDS_A_NODE["multigrid"] * _more_compressions(config)
         height, width = projection.detector_mm or (240.0, 180.0)
         pixels = height * width / projection.pixel_mm**2
         count = view.dbt.projections if view.dbt else 1
         seconds += pixels * SECONDS_A_PIXEL * count
         stack = pixels * count * BYTES_A_PROJECTED_PIXEL if view.dbt else 0.0
-        largest = max(largest, nodes * BYTES_A_NODE + pixels * BYTES_A_PIXEL + stack)
+        largest = max(largest, lattice_bytes + pixels * BYTES_A_PIXEL + stack)
         line = _view_line(view.label, compression, projection.pixel_mm, nodes, pixels)
         if view.dbt:
             line += f", from {count} tube positions over {view.dbt.angle_range_deg:g} degrees"
         lines.append(line)
     lines += _target_lines(config)
-    memory = BASE_BYTES + voxels * BYTES_A_VOXEL + largest * len(config.views)
+    memory = BASE_BYTES + COMPILER_BYTES + voxels * BYTES_A_VOXEL + largest * len(config.views)
     return Plan(tuple(lines), memory / 1e9, seconds / 60.0)
 
 
@@ -110,8 +116,10 @@ def _view_line(name: str, compression, pixel_mm: float, nodes: float, pixels: fl
             goal = f"to {compression.paddle_z_mm - compression.support_z_mm:g} mm"
         else:
             goal = "to the thickness of the population fit"
-        how = (
-            f"compressed {goal} ({compression.model}, {compression.solver}, at most "
-            f"{nodes / 1e6:.2f} million nodes)"
-        )
+        how = f"compressed {goal} ({_method(compression)}, at most {nodes / 1e6:.2f} million nodes)"
     return f"{name}: {how}; projected onto {pixels / 1e6:.1f} million pixels of {pixel_mm:g} mm"
+
+
+def _method(compression) -> str:  # type: ignore[no-untyped-def]
+    springs = compression.model == "springs"
+    return f"springs, {compression.solver}" if springs else str(compression.model)
