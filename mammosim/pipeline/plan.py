@@ -26,7 +26,7 @@ BYTES_A_PROJECTED_PIXEL = 3.0
 BASE_BYTES = 4.5e8
 """The interpreter with its libraries and compiled code."""
 
-COMPILER_BYTES = 5e8
+COMPILER_BYTES = 8e8
 """Numba and LLVM while they compile the kernels, in the first run after an installation."""
 
 SECONDS_A_VOXEL = {"file": 4e-8, "generate": 4e-7}
