@@ -18,7 +18,7 @@ from naive.projection import (
 
 from mammosim.phantom import Lesion
 from mammosim.projection import compressed_labels, project
-from mammosim.projection._kernels import Voxels, _other
+from mammosim.projection._ray_kernels import Voxels, _other
 from mammosim.projection.channels import planes_with_labels
 
 ADIPOSE, GLAND, LESION = 1, 29, 160

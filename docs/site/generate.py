@@ -16,7 +16,7 @@ from pydantic_core import PydanticUndefined
 
 import mammosim
 from mammosim.cohort import CohortSettings
-from mammosim.config import Settings
+from mammosim.config import Settings, settings_in
 from mammosim.pipeline import RunConfig
 
 DOCS = Path(__file__).parents[1]
@@ -77,12 +77,12 @@ def settings_page() -> str:
         "`cohort` of a cohort's file. Made from the package itself.",
     ]
     for name, field in RunConfig.model_fields.items():
-        kind = _settings_in(field.annotation)
+        kind = settings_in(field.annotation)
         if kind is None or name == "views":
             continue
         lines += [f"## {name}", field.description or "", *_table(kind)]
     top = [name for name, field in RunConfig.model_fields.items()
-           if name == "views" or _settings_in(field.annotation) is None]  # fmt: skip
+           if name == "views" or settings_in(field.annotation) is None]  # fmt: skip
     lines += ["## At the top", *_table(RunConfig, top)]
     lines += ["## cohort", *_table(CohortSettings)]
     return "\n\n".join(lines)
@@ -98,7 +98,7 @@ def _table(kind: type[Settings], only: list[str] | None = None) -> list[str]:
         text = " ".join((field.description or "").split()).replace("|", "\\|")
         limits = _limits(field)
         rows.append(f"| `{name}` | {_default(field)} | {text}{limits} |")
-        inner = _settings_in(field.annotation)
+        inner = settings_in(field.annotation)
         if inner is not None and only is None:
             below += [f"### {name}", *_table(inner)]
     return ["\n".join(rows), *below]
@@ -126,16 +126,6 @@ def _default(field: Any) -> str:
     if isinstance(field.default, Settings | tuple):
         return ""
     return f"`{str(field.default).lower() if field.default in (True, False) else field.default}`"
-
-
-def _settings_in(annotation: Any) -> type[Settings] | None:
-    if isinstance(annotation, type) and issubclass(annotation, Settings):
-        return annotation
-    for argument in getattr(annotation, "__args__", ()):
-        found = _settings_in(argument)
-        if found is not None:
-            return found
-    return None
 
 
 def python_page() -> str:

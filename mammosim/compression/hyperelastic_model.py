@@ -19,8 +19,7 @@ from mammosim.compression.hyperelastic.measures import (
 from mammosim.compression.hyperelastic.mesh import WALL, build_mesh
 from mammosim.compression.hyperelastic.newton import State
 from mammosim.compression.hyperelastic.stages import HISTORY, Stages
-from mammosim.compression.lattice import breast_volume_ml, tissue_front
-from mammosim.compression.plates import Plates, muscle_is_fixed, place_plates, plate_edge_mm
+from mammosim.compression.plates import Plates, held_tissue, place_plates, plate_edge_mm
 from mammosim.compression.settings import CompressionSettings
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
@@ -73,21 +72,12 @@ def compress_hyperelastic(
     W = mu/2 (J^(-2/3) I1 - 3) + kappa/2 (J - 1)^2, the volume being kept on the mean of an element.
     No skin tension, gravity, friction or bending of the plates.
     """
-    reach = tissue_front(breast)
-    fixed = muscle_is_fixed(settings, reach)
+    reach, fixed = held_tissue(settings, breast)
     mesh = build_mesh(
         breast, view, settings.resolution_mm, settings.moduli, settings.chest_wall, fixed
     )
     edge = plate_edge_mm(settings, reach, fixed)
-    volume = breast_volume_ml(breast)
-    plates, notes = place_plates(
-        settings,
-        mesh.elements,
-        edge,
-        view.name,
-        volume,
-        open_ended=breast.open_end is not None,
-    )
+    plates, notes = place_plates(settings, breast, view, mesh.elements, edge)
     stages = Stages(mesh, edge, settings.force_tolerance, watch)
 
     def with_force(plates: Plates, start: _Reached | None) -> tuple[_Reached, float]:

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression.lattice import MUSCLE_REACH_MM, Lattice, Reach
+from mammosim.compression.lattice import (
+    MUSCLE_REACH_MM,
+    Lattice,
+    Reach,
+    breast_volume_ml,
+    tissue_front,
+)
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
+from mammosim.geometry import View
+from mammosim.phantom import BreastPhantom
 
 EDGE_BEFORE_WALL_MM = 5.0
 """Plates' edge in front of the chest wall or fixed muscle, mm: tissue needs room to bend there."""
@@ -51,11 +59,17 @@ def population_thickness_mm(view: str, volume_ml: float) -> float:
     return 10.0 * (0.66 * volume_ml / (0.064 * volume_ml + 74.53) + 1.58)
 
 
-def muscle_is_fixed(settings: CompressionSettings, reach: Reach) -> bool:
-    """Whether labelled muscle is held, by the settings or by how far it reaches forward."""
+def held_tissue(settings: CompressionSettings, breast: BreastPhantom) -> tuple[Reach, bool]:
+    """How far chest wall and muscle reach, and whether labelled muscle is held.
+
+    Muscle is held by the settings or, where they are silent, if it does not reach far forward.
+    """
+    reach = tissue_front(breast)
+    if settings.chest_wall_mm is not None:
+        reach = replace(reach, chest_wall_mm=settings.chest_wall_mm)
     if settings.muscle is not None:
-        return settings.muscle == "fixed"
-    return reach.muscle_mm - reach.chest_wall_mm <= MUSCLE_REACH_MM
+        return reach, settings.muscle == "fixed"
+    return reach, reach.muscle_mm - reach.chest_wall_mm <= MUSCLE_REACH_MM
 
 
 def plate_edge_mm(settings: CompressionSettings, reach: Reach, muscle_fixed: bool) -> float:
@@ -68,30 +82,32 @@ def plate_edge_mm(settings: CompressionSettings, reach: Reach, muscle_fixed: boo
 
 def place_plates(
     settings: CompressionSettings,
+    breast: BreastPhantom,
+    view: View,
     lattice: Lattice,
     edge_mm: float,
-    view: str,
-    volume_ml: float,
-    open_ended: bool = False,
 ) -> tuple[Plates, tuple[str, ...]]:
     """Final place of the plates and what was assumed.
 
     Parameters
     ----------
     settings : CompressionSettings
+    breast : BreastPhantom
+    view : View
     lattice : Lattice
+        Of the breast in this view.
     edge_mm : float
         Breast-frame x of the plates' edge, mm.
-    view : str
-    volume_ml : float
-    open_ended : bool
-        Whether the phantom has a way to the axilla, which stands higher than the breast: the
-        plates then meet at the breast's own height, not at the middle of all tissue.
 
     Raises
     ------
     InputError
         If the plates would not touch the breast, or no tissue lies beyond their edge.
+
+    Notes
+    -----
+    Where a breast has a way to the axilla, which stands higher than the breast, the plates meet at
+    the breast's own height, not at the middle of all tissue.
     """
     bottom, top = lattice.height_mm
     nodes = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * _layers(lattice)
@@ -106,19 +122,23 @@ def place_plates(
     notes: tuple[str, ...] = ()
     height = beyond_edge_height_mm(lattice, edge_mm)
     if thickness is None:
-        fitted = population_thickness_mm(view, volume_ml)
+        volume_ml = breast_volume_ml(breast)
+        fitted = population_thickness_mm(view.name, volume_ml)
         thickness = min(fitted, MOST_OF_HEIGHT * height)
         if settings.force_n is None:
             notes = (
-                f"{view}: thickness {thickness:.1f} mm from the population fit for "
+                f"{view.name}: thickness {thickness:.1f} mm from the population fit for "
                 f"{volume_ml:.0f} mL of breast",
             )
     elif thickness >= height:
         raise InputError(
             f"compression.thickness_mm: found {thickness:g}, but the breast between the plates is "
-            f"only {height:.1f} mm high in {view}; must be smaller"
+            f"only {height:.1f} mm high in {view.name}; must be smaller"
         )
-    middle = forward_height_mm(lattice, edge_mm) if open_ended else 0.5 * (bottom + top)
+    if breast.open_end is not None:
+        middle = forward_height_mm(lattice, edge_mm)
+    else:
+        middle = 0.5 * (bottom + top)
     return Plates(middle - 0.5 * thickness, middle + 0.5 * thickness, edge_mm), notes
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,8 +10,7 @@ from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.continuation import continued
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.force_control import reach_force
-from mammosim.compression.lattice import breast_volume_ml, tissue_front
-from mammosim.compression.plates import Plates, muscle_is_fixed, place_plates, plate_edge_mm
+from mammosim.compression.plates import Plates, held_tissue, place_plates, plate_edge_mm
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.spring_case import SpringCase, make_case
 from mammosim.compression.springs import SpringProblem, SpringState, relax, solve
@@ -83,21 +81,10 @@ def compress_springs(
     compression and may fold cells near the plates' edge; both are measured, not hidden.
     """
     settings = in_millimetres(settings, breast, view)
-    reach = tissue_front(breast)
-    if settings.chest_wall_mm is not None:
-        reach = replace(reach, chest_wall_mm=settings.chest_wall_mm)
-    muscle_fixed = muscle_is_fixed(settings, reach)
+    reach, muscle_fixed = held_tissue(settings, breast)
     case = make_case(breast, view, settings, reach, muscle_fixed)
     edge = plate_edge_mm(settings, reach, muscle_fixed)
-    volume = breast_volume_ml(breast)
-    plates, notes = place_plates(
-        settings,
-        case.lattice,
-        edge,
-        view.name,
-        volume,
-        open_ended=breast.open_end is not None,
-    )
+    plates, notes = place_plates(settings, breast, view, case.lattice, edge)
 
     def equilibrium(plates: Plates, start: SpringState | None = None) -> SpringState:
         solver = SPRING_SOLVERS[settings.solver]

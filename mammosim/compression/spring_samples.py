@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.displacement import DisplacementField
-from mammosim.compression.lattice import tissue_front, tissue_mean
-from mammosim.compression.plates import Plates, muscle_is_fixed
+from mammosim.compression.lattice import tissue_mean
+from mammosim.compression.plates import Plates, held_tissue
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.spring_case import SpringCase, make_case
 from mammosim.compression.spring_model import displacement_field
@@ -96,10 +96,7 @@ class SpringSampler:
         self._plates = Plates(squeezed.support_z_mm, squeezed.paddle_z_mm, squeezed.plate_edge_mm)
         self.groups = _groups(breast)
         settings = in_millimetres(settings, breast, squeezed.view)
-        reach = tissue_front(breast)
-        if settings.chest_wall_mm is not None:
-            reach = replace(reach, chest_wall_mm=settings.chest_wall_mm)
-        muscle_fixed = muscle_is_fixed(settings, reach)
+        reach, muscle_fixed = held_tissue(settings, breast)
         self._cases: list[tuple[SpringCase, dict[str, NDArray[np.float32]]]] = []
         for shift in LATTICE_SHIFTS if vary_lattice else LATTICE_SHIFTS[:1]:
             case = make_case(breast, squeezed.view, settings, reach, muscle_fixed, shift)

@@ -106,15 +106,16 @@ def _known_keys(kind: Any, location: tuple[Any, ...]) -> list[str]:
         if not (isinstance(kind, type) and issubclass(kind, Settings)):
             return []
         if isinstance(part, str) and part in kind.model_fields:
-            kind = _settings_in(kind.model_fields[part].annotation)
+            kind = settings_in(kind.model_fields[part].annotation)
     return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, Settings) else []
 
 
-def _settings_in(annotation: Any) -> Any:
+def settings_in(annotation: Any) -> type[Settings] | None:
+    """The settings that a field's annotation holds, alone or among others; None if it has none."""
     if isinstance(annotation, type) and issubclass(annotation, Settings):
         return annotation
     for argument in getattr(annotation, "__args__", ()):
-        found = _settings_in(argument)
+        found = settings_in(argument)
         if found is not None:
             return found
     return None

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from mammosim.acquisition import check_acquisition
-from mammosim.compression import CompressionSettings
-from mammosim.compression.lattice import tissue_front
-from mammosim.compression.plates import muscle_is_fixed, plate_edge_mm
+from mammosim.compression.plates import held_tissue, plate_edge_mm
 from mammosim.errors import InputError
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, PhantomSettings, make_phantom
@@ -68,18 +66,13 @@ def check_detectors(config: RunConfig, breast: BreastPhantom) -> None:
         view = View(wanted.view, breast.laterality, compression.mlo_angle_deg)
         edge_mm = projection.detector_edge_mm
         if edge_mm is None:
-            edge_mm = _plate_edge_mm(compression, breast)
+            edge_mm = plate_edge_mm(compression, *held_tissue(compression, breast))
         try:
             check_field(breast, view, edge_mm, projection)
         except InputError as error:
             problems += [f"{wanted.label}: {line}" for line in error.problems]
     if problems:
         raise InputError(problems)
-
-
-def _plate_edge_mm(compression: CompressionSettings, breast: BreastPhantom) -> float:
-    reach = tissue_front(breast)
-    return plate_edge_mm(compression, reach, muscle_is_fixed(compression, reach))
 
 
 def _outlined_phantom(config: RunConfig) -> BreastPhantom | None:

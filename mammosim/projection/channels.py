@@ -9,7 +9,11 @@ from numpy.typing import NDArray
 
 from mammosim.errors import InputError
 from mammosim.phantom import BreastPhantom, Lesion
-from mammosim.projection._kernels import LABELS_A_WORD, planes_of_labels, planes_of_words
+from mammosim.projection._label_kernels import (
+    LABELS_A_WORD,
+    planes_of_labels,
+    planes_of_words,
+)
 from mammosim.tissues import TISSUES
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from mammosim.compression import CompressedBreast
 from mammosim.config import to_settings
 from mammosim.geometry import Gantry
-from mammosim.projection._kernels import LABELS_A_WORD, Beam, Voxels, trace
+from mammosim.projection._label_kernels import LABELS_A_WORD
+from mammosim.projection._ray_kernels import Beam, Voxels, trace
 from mammosim.projection.channels import Channels, channels_of, host_channel
 from mammosim.projection.detector_field import place_detector
 from mammosim.projection.feasible import check_memory

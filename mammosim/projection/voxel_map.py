@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mammosim.compression import CompressedBreast
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
-from mammosim.projection._kernels import measure_cells
+from mammosim.projection._grid_kernels import measure_cells
 
 DENSITY_LIMITS = (0.5, 2.0)
 """Bounds of 1/J: beyond them a cell is collapsed or torn, and its J is no longer physics."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mammosim.compression import CompressedBreast
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
-from mammosim.projection._kernels import carry_labels
+from mammosim.projection._grid_kernels import carry_labels
 from mammosim.projection.voxel_map import VoxelMap, voxel_map
 
 MOST_VOXELS = 200_000_000

@@ -46,28 +46,31 @@ def remaining_deviation(sums: ArrayLike, nodes: int) -> tuple[float, float, floa
     return a, b, float(np.exp(-a * last + b) / (a * nodes))
 
 
-def remaining_sweeps(means: ArrayLike, limit: float) -> float:
-    """Sweeps until a curve of mean displacements falls below a limit, if it goes on as it does.
+def remaining_sweeps(third: float, last: float, sweeps: int, limit: float) -> float:
+    """Sweeps until mean displacements fall below a limit, if they go on falling as they do.
 
     Parameters
     ----------
-    means : array_like, (n,)
-        Mean absolute displacement of a node in each sweep.
+    third, last : float
+        Mean absolute displacement of a node at a third of the sweeps and in the last.
+    sweeps : int
+        Done so far.
     limit : float
 
     Returns
     -------
     float
-        0 where the curve is below already; NaN where it does not fall, has fewer than three
-        points, or no limit is set.
+        0 where the last is below already; NaN where they do not fall, after fewer than three
+        sweeps, or where no limit is set.
 
     Examples
     --------
-    >>> round(remaining_sweeps(np.exp(-0.01 * np.arange(1, 301)), np.exp(-5.0)))
+    >>> round(remaining_sweeps(np.exp(-1.0), np.exp(-3.0), 300, np.exp(-5.0)))
     200
     """
-    curve = np.asarray(means, dtype=np.float64)
-    if curve.size and curve[-1] <= limit:
+    if last <= limit:
         return 0.0
-    a = remaining_deviation(curve, 1)[0]
-    return float(np.log(curve[-1] / limit) / a) if a > 0.0 and limit > 0.0 else np.nan
+    if sweeps < 3 or limit <= 0.0 or third <= last:
+        return np.nan
+    rate = np.log(third / last) / (sweeps - sweeps // 3)
+    return float(np.log(last / limit) / rate)

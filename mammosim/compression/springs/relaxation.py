@@ -114,13 +114,15 @@ def _volume(problem: SpringProblem, displacement: Displacement) -> tuple[float, 
 
 def _sweeps_left(rows: list[np.void], limit: float) -> float:
     """Sweeps until the mean displacement is below the limit along each axis."""
-    curves = np.array(rows, HISTORY)
-    return max(
-        remaining_sweeps(
-            curves[f"sum_d{axis}_voxel"] / np.maximum(curves["nodes_counted"], 1), limit
-        )
-        for axis in "xyz"
-    )
+    if not rows:
+        return np.nan
+    number = len(rows)
+
+    def mean(row: np.void, axis: str) -> float:
+        return float(row[f"sum_d{axis}_voxel"] / max(row["nodes_counted"], 1))
+
+    third, last = rows[max(number // 3 - 1, 0)], rows[-1]
+    return max(remaining_sweeps(mean(third, a), mean(last, a), number, limit) for a in "xyz")
 
 
 def _deviation(history: np.ndarray) -> float:
