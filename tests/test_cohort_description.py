@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from make_run import invoke
 from PIL import Image
 from scipy.stats import kstest, norm, truncnorm, uniform
 
-from mammosim.cohort import load_cohort
+from mammosim.cohort import load_cohort, plan_cohort
 from mammosim.cohort.cluster import share_machine
 from mammosim.cohort.dataset import check_exports
 from mammosim.cohort.description import part_of
@@ -221,3 +222,38 @@ def test_the_expected_end():
     assert progress.waiting == 36
     assert progress.seconds_left == 3600.0
     assert Progress(3).seconds_left is None
+
+
+def test_check_tells_what_a_cohort_takes(tmp_path):
+    cohort(tmp_path, seed=4)
+    result = invoke("check", tmp_path / "cohort.yaml")
+    assert result.exit_code == 0
+    assert "cohort: 8 patients, seed 4\ndrawn: phantom.generate.volume_ml\n" in result.output
+    assert "patient 0: phantom: generated" in result.output
+    assert "GB of memory a worker" in result.output
+
+
+def test_check_lists_what_is_wrong_with_the_first_patients(tmp_path):
+    cohort(tmp_path, acquisition={"kvp": {"choice": [28, 60]}})
+    result = invoke("check", tmp_path / "cohort.yaml")
+    assert result.exit_code == 2
+    faulty = [patient for patient in range(8) if f"patient {patient}: " in result.output]
+    drawn = load_cohort(tmp_path / "cohort.yaml")
+    assert faulty == [n for n in range(8) if drawn.drawn(n)["acquisition.kvp"] == 60]
+    assert "acquisition.kvp: found 60, expected 20 to 40 kV" in result.output
+
+
+def test_a_cohorts_file_is_not_a_runs(tmp_path):
+    cohort(tmp_path)
+    result = invoke("run", tmp_path / "cohort.yaml", "--output", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "is a cohort's file; use mammosim cohort run" in result.output
+
+
+def test_the_plan_of_a_cohort_shares_out_this_machine(tmp_path):
+    found = plan_cohort(cohort(tmp_path, ["cohort.patients=200"]))
+    assert "the first 50 patients were looked at" in found.lines
+    more = plan_cohort(cohort(tmp_path, ["cohort.patients=400"]))
+    assert more.hours == pytest.approx(2 * found.hours)
+    with pytest.raises(InputError, match=r"a patient takes about .* GB of memory, but 0.1 GB"):
+        plan_cohort(cohort(tmp_path, ["cohort.memory_gb=0.1"]))

@@ -24,12 +24,12 @@ from PIL import Image
 
 from mammosim.cohort import cohort_status, load_cohort, run_cohort
 from mammosim.cohort.cluster import Workers, local_client, wait_for_worker
-from mammosim.cohort.patient import Patient, make_patient, patient_gb
+from mammosim.cohort.patient import Patient, make_patient, worker_gb
 from mammosim.cohort.settings import DatasetSettings
 from mammosim.cohort.status import patient_folder
 from mammosim.config import write_yaml
 from mammosim.errors import InputError, Interrupted
-from mammosim.pipeline import writing
+from mammosim.pipeline import make_plan, writing
 
 PATIENTS = 5
 FAULTY = 3
@@ -231,7 +231,7 @@ def test_no_worker_takes_more_memory_than_a_quarter_above_the_estimate(descripti
     cohort = load_cohort(description)
     for path in disturbed.glob("patients/*/run.json"):
         peak_mb = json.loads(path.read_text())["peak_memory_mb"]
-        assert peak_mb < 1.25 * 1e3 * patient_gb(cohort.config_of(int(path.parent.name)))
+        assert peak_mb < 1.25 * 1e3 * worker_gb(make_plan(cohort.config_of(int(path.parent.name))))
 
 
 def test_the_data_set_is_split_by_patient_and_its_masks_are_the_runs(disturbed):

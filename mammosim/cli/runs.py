@@ -17,7 +17,7 @@ from mammosim.cli.terminal import app, exit_status, out, plain
 from mammosim.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from mammosim.pipeline import Study
 
@@ -129,7 +129,7 @@ def _print_summary(study: Study, folder: Path) -> None:
 
 @app.command()
 def check(
-    config: Annotated[Path, typer.Argument(help="The configuration, a YAML file.")],
+    config: Annotated[Path, typer.Argument(help="A run's configuration, or a cohort's file.")],
     change: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="SECTION.KEY=VALUE", help="Another value for a key."),
@@ -137,23 +137,46 @@ def check(
 ) -> None:
     """Validate a configuration and print the plan, without computing anything."""
     with exit_status():
-        from mammosim.pipeline import check_before, load_config, make_plan
+        from mammosim.cohort.description import is_cohort
 
-        settings = load_config(config, change or ())
-        plan = make_plan(settings)
-        check_before(settings)
-        for line in plan.lines:
+        lines = (_cohort_plan if is_cohort(config) else _run_plan)(config, change or ())
+        for line in lines:
             out.print(plain(line), highlight=False)
-        out.print(
-            f"about {plan.memory_gb:.1f} GB of memory and {max(plan.minutes, 0.1):.1f} minutes "
-            "on two cores",
-            highlight=False,
-        )
+
+
+def _run_plan(config: Path, changes: Sequence[str]) -> list[str]:
+    from mammosim.pipeline import check_before, load_config, make_plan
+
+    settings = load_config(config, changes)
+    plan = make_plan(settings)
+    check_before(settings)
+    needs = f"about {plan.memory_gb:.1f} GB of memory and {max(plan.minutes, 0.1):.1f} minutes"
+    return [*plan.lines, f"{needs} on two cores"]
+
+
+def _cohort_plan(config: Path, changes: Sequence[str]) -> list[str]:
+    from mammosim.cohort import load_cohort, plan_cohort
+
+    plan = plan_cohort(load_cohort(config, changes))
+    time = f"{plan.hours:.0f} hours" if plan.hours > 3 else f"{60 * plan.hours:.0f} minutes"
+    return [
+        *plan.lines,
+        f"about {plan.memory_gb:.1f} GB of memory a worker and {time} for all; "
+        f"workers here: {plan.workers.count}, threads of each: {plan.workers.threads}",
+    ]
 
 
 @app.command()
-def schema() -> None:
+def schema(
+    cohort: Annotated[bool, typer.Option("--cohort", help="That of a cohort's file.")] = False,
+) -> None:
     """Print the JSON Schema of the configuration."""
-    from mammosim.pipeline import RunConfig
+    if cohort:
+        from mammosim.cohort import cohort_schema
 
-    sys.stdout.write(json.dumps(RunConfig.model_json_schema(), indent=2) + "\n")
+        printed = cohort_schema()
+    else:
+        from mammosim.pipeline import RunConfig
+
+        printed = RunConfig.model_json_schema()
+    sys.stdout.write(json.dumps(printed, indent=2) + "\n")

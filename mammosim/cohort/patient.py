@@ -13,7 +13,7 @@ from mammosim.cohort.settings import DatasetSettings
 from mammosim.errors import InputError, Interrupted, MammosimError
 from mammosim.export import write_json
 from mammosim.pipeline import (
-    RunConfig,
+    Plan,
     RunFolder,
     config_of,
     is_finished,
@@ -123,9 +123,9 @@ def make_patient(patient: Patient) -> Outcome:
             return failed
 
 
-def patient_gb(config: RunConfig) -> float:
+def worker_gb(plan: Plan) -> float:
     """Memory that a worker takes with a patient, GB."""
-    return make_plan(config).memory_gb + DASK_GB
+    return plan.memory_gb + DASK_GB
 
 
 def note_failure(folder: Path, outcome: Outcome) -> None:
@@ -146,7 +146,7 @@ def _make(patient: Patient, folder: Path) -> bool:
     config = config_of(patient.values, Path(patient.base), where)
     found = is_finished(folder, config)
     if not found:
-        needed = patient_gb(config)
+        needed = worker_gb(make_plan(config))
         if needed > patient.memory_gb:
             raise InputError(
                 f"{where}: needs about {needed:.2g} GB of memory, but a worker has "

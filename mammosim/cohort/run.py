@@ -20,20 +20,18 @@ from mammosim.cohort.cluster import (
     wait_for_worker,
 )
 from mammosim.cohort.dataset import FOLDER as DATASET
-from mammosim.cohort.dataset import check_exports, write_manifest
+from mammosim.cohort.dataset import write_manifest
 from mammosim.cohort.description import Cohort
-from mammosim.cohort.patient import Outcome, Patient, make_patient, note_failure, patient_gb
+from mammosim.cohort.patient import Outcome, Patient, make_patient, note_failure, worker_gb
+from mammosim.cohort.plan import first_plans
 from mammosim.cohort.progress import Progress
 from mammosim.cohort.status import PROGRESS, RECORD, patient_folder
 from mammosim.cohort.table import write_tables
 from mammosim.errors import InputError, Interrupted
 from mammosim.export import write_json
-from mammosim.pipeline import check_settings, writing
+from mammosim.pipeline import writing
 
 Tell = Callable[[Progress], None]
-
-FIRST_PATIENTS = 50
-"""Patients that are checked and whose memory is estimated before any is begun."""
 
 POLL_S = 0.5
 """Between two looks at what has been finished, s."""
@@ -81,7 +79,7 @@ def run_cohort(
         If the scheduler is lost. What was finished is kept, and the next start goes on.
     """
     path = Path(folder)
-    largest_gb = _checked(cohort)
+    largest_gb = _largest_gb(cohort)
     with writing(path):
         write_json(path / RECORD, {
             "title": cohort.title, "folder": str(cohort.folder),
@@ -97,21 +95,12 @@ def run_cohort(
     return work.progress
 
 
-def _checked(cohort: Cohort) -> float:
+def _largest_gb(cohort: Cohort) -> float:
     """Memory of the largest of the first patients, GB; one that is faulty fails when it comes."""
-    needs: list[float] = []
-    problems: InputError | None = None
-    for patient in range(min(cohort.patients, FIRST_PATIENTS)):
-        try:
-            config = cohort.config_of(patient)
-            check_exports(config, cohort.settings.dataset, cohort.where)
-            check_settings(config)
-            needs.append(patient_gb(config))
-        except InputError as error:
-            problems = problems or error
-    if problems is not None and not needs:
-        raise problems
-    return max(needs)
+    plans, problems = first_plans(cohort)
+    if not plans:
+        raise InputError(problems)
+    return max(map(worker_gb, plans))
 
 
 @contextmanager

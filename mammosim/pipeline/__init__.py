@@ -6,12 +6,12 @@ from mammosim.pipeline.plan import Plan, make_plan
 from mammosim.pipeline.run import Study, ViewResult, simulate
 from mammosim.pipeline.run_config import (
     RunConfig,
-    ViewSettings,
     apply_change,
     config_of,
     load_config,
 )
 from mammosim.pipeline.save import RunFolder, check_output, is_finished, read_record, title_of
+from mammosim.pipeline.view_settings import ViewSettings
 
 __all__ = [
     "Plan",

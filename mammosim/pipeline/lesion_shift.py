@@ -13,7 +13,8 @@ from mammosim.compression import CompressedBreast, CompressionSettings, SpringSa
 from mammosim.errors import NotConverged
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
-from mammosim.pipeline.run_config import RunConfig, ViewSettings
+from mammosim.pipeline.run_config import RunConfig
+from mammosim.pipeline.view_settings import ViewSettings
 from mammosim.targets import (
     BiopsyResult,
     Origin,

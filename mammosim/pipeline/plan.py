@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mammosim.compression import CompressionSettings
 from mammosim.phantom import PhantomSettings
 from mammosim.phantom.size import expected_voxels
 from mammosim.pipeline.run_config import RunConfig
 
 # Bytes and seconds below were measured with benchmarks/pipeline.py (see benchmarks/RESULTS.md) on
-# two cores; the estimates are rounded up and only meant to tell minutes from hours.
+# as many cores; the estimates are rounded up and only meant to tell minutes from hours.
+PLANNED_CORES = 2
+
 BYTES_A_VOXEL = 1.3
 """Fine labels: one byte, and what reading or generating them needs beside it."""
 
@@ -36,7 +39,7 @@ SECONDS_A_PIXEL = 2.5e-6
 
 @dataclass(frozen=True)
 class Plan:
-    """The stages of a run in words, and its estimated needs."""
+    """The stages of a run in words, and its estimated needs on `PLANNED_CORES` cores."""
 
     lines: tuple[str, ...]
     memory_gb: float
@@ -104,7 +107,9 @@ def _source(phantom: PhantomSettings, voxels: int) -> str:
     return f"phantom: {source}, {voxels / 1e6:.1f} million voxels"
 
 
-def _view_line(name: str, compression, pixel_mm: float, nodes: float, pixels: float) -> str:  # type: ignore[no-untyped-def]
+def _view_line(
+    name: str, compression: CompressionSettings, pixel_mm: float, nodes: float, pixels: float
+) -> str:
     if compression.model == "none":
         how = "left uncompressed"
     else:
@@ -112,7 +117,7 @@ def _view_line(name: str, compression, pixel_mm: float, nodes: float, pixels: fl
             goal = f"to {compression.thickness_mm:g} mm"
         elif compression.force_n is not None:
             goal = f"with {compression.force_n:g} N"
-        elif compression.paddle_z_mm is not None:
+        elif compression.paddle_z_mm is not None and compression.support_z_mm is not None:
             goal = f"to {compression.paddle_z_mm - compression.support_z_mm:g} mm"
         else:
             goal = "to the thickness of the population fit"
@@ -120,6 +125,6 @@ def _view_line(name: str, compression, pixel_mm: float, nodes: float, pixels: fl
     return f"{name}: {how}; projected onto {pixels / 1e6:.1f} million pixels of {pixel_mm:g} mm"
 
 
-def _method(compression) -> str:  # type: ignore[no-untyped-def]
+def _method(compression: CompressionSettings) -> str:
     springs = compression.model == "springs"
-    return f"springs, {compression.solver}" if springs else str(compression.model)
+    return f"springs, {compression.solver}" if springs else compression.model

@@ -26,8 +26,9 @@ from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, make_phantom
 from mammosim.pipeline.beforehand import check_detectors, check_settings
 from mammosim.pipeline.lesion_shift import shift_answers, with_ellipsoids
-from mammosim.pipeline.run_config import RunConfig, ViewSettings
+from mammosim.pipeline.run_config import RunConfig
 from mammosim.pipeline.save import RunFolder
+from mammosim.pipeline.view_settings import ViewSettings
 from mammosim.projection import PathLengths, project, project_arc
 from mammosim.targets import ShiftAnswers, Target, find_targets
 

@@ -7,25 +7,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from mammosim.acquisition import AcquisitionSettings
 from mammosim.compression import CompressionSettings
 from mammosim.config import Settings, parse_value, read_yaml, to_settings
 from mammosim.errors import InputError
 from mammosim.export import ExportSettings
-from mammosim.geometry import VIEW_NAMES, View
 from mammosim.phantom import PhantomSettings
-from mammosim.projection import ProjectionSettings, TomosynthesisSettings
+from mammosim.pipeline.view_settings import VIEW_SECTIONS, ViewSettings
+from mammosim.projection import ProjectionSettings
 from mammosim.report import ReportSettings
 from mammosim.targets import BiopsySettings, TargetsSettings
-
-VIEW_SECTIONS: dict[str, type[Settings]] = {
-    "compression": CompressionSettings,
-    "projection": ProjectionSettings,
-    "acquisition": AcquisitionSettings,
-}
-"""Sections of which a view may have its own values."""
 
 PLATE_KEYS = {"thickness_mm", "force_n", "support_z_mm", "paddle_z_mm", "plates_voxel"}
 """Ways to say how far a breast is compressed; a view's own replaces the section's."""
@@ -37,75 +30,6 @@ PATH_KEYS = (
     ("acquisition", "composition"),
 )
 """Keys whose value is, or may be, a path relative to the configuration's file."""
-
-
-def _or_a_name(schema: dict[str, Any]) -> None:
-    """A view may also be given by its name alone."""
-    mapping = dict(schema)
-    schema.clear()
-    schema["anyOf"] = [{"enum": list(VIEW_NAMES)}, mapping]
-
-
-class ViewSettings(Settings):
-    """One view, with its own values for keys of some sections."""
-
-    model_config = ConfigDict(json_schema_extra=_or_a_name)
-
-    view: Literal["CC", "MLO", "ML"]
-    """Name of the view."""
-
-    dbt: TomosynthesisSettings | None = None
-    """Takes the view as a series of projections for tomosynthesis: how the tube moves."""
-
-    compression: dict[str, Any] = Field(default_factory=dict)
-    """Keys of `compression` for this view alone; they may also stand beside `view`."""
-
-    projection: dict[str, Any] = Field(default_factory=dict)
-    """Keys of `projection` for this view alone; they may also stand beside `view`."""
-
-    acquisition: dict[str, Any] = Field(default_factory=dict)
-    """Keys of `acquisition` for this view alone; they may also stand beside `view`."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _sorted_into_sections(cls, value: Any) -> Any:
-        if isinstance(value, str):
-            return {"view": value}
-        if not isinstance(value, dict):
-            return value
-        entry = _with_its_series(dict(value))
-        for section, kind in VIEW_SECTIONS.items():
-            own = {key: entry.pop(key) for key in list(entry) if key in kind.model_fields}
-            given = entry.get(section, {})
-            if own and isinstance(given, dict):
-                entry[section] = {**given, **own}
-        if entry.get("dbt") is not None and isinstance(entry.get("acquisition", {}), dict):
-            # Its lines would cut off oblique rays: no grid unless the view itself asks for one.
-            entry["acquisition"] = {"grid": False, **entry.get("acquisition", {})}
-        return entry
-
-    @model_validator(mode="after")
-    def _one_name(self) -> Self:
-        if self.dbt is not None and self.dbt.view != self.view:
-            raise ValueError(f"dbt.view: found {self.dbt.view}, expected {self.view} as in view")
-        return self
-
-    @property
-    def label(self) -> str:
-        """What the run calls the view, as `CC` or `CC_DBT`."""
-        return View(self.view, "L", tomosynthesis=self.dbt is not None).label
-
-
-def _with_its_series(entry: dict[str, Any]) -> dict[str, Any]:
-    """A view whose name stands in `dbt` alone, or in both."""
-    series = entry.get("dbt")
-    if isinstance(series, str):
-        series = {"view": series}
-    if isinstance(series, dict):
-        name = series.get("view", entry.get("view"))
-        if name is not None:
-            entry = {"view": name, **entry, "dbt": {"view": name, **series}}
-    return entry
 
 
 class RunConfig(Settings):
@@ -270,6 +194,8 @@ def _run_settings(values: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
     """The configuration, also where it stands in a run's record."""
     if isinstance(values, dict) and {"run_hash", "settings"} <= values.keys():
         values = values["settings"]
+    if isinstance(values, dict) and not values.keys().isdisjoint(("cohort", "cohort_of")):
+        raise InputError(f"{path}: is a cohort's file; use mammosim cohort run")
     if not isinstance(values, dict):
         raise InputError(f"{path}: expected a mapping with the section 'phantom'")
     return values
