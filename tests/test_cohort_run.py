@@ -224,6 +224,7 @@ def test_one_tidy_table_and_the_failures(disturbed):
     page = (disturbed / "summary.html").read_text()
     assert "4 patients, 4 pictures" in page
     assert page.count("data:image/png") >= 8
+    assert page.count("data:image/jpeg") == 4
     assert "http" not in page
 
 

@@ -20,7 +20,7 @@ from mammosim.cohort.distributions import LEFT_OUT, Choice, Column, Distribution
 from mammosim.cohort.patient import Outcome
 from mammosim.export import whole_file, write_text
 from mammosim.pipeline import read_record
-from mammosim.report import render_cohort
+from mammosim.report import contact_sheet, render_cohort
 from mammosim.targets import Target
 
 PARQUET, CSV, FAILURES, SUMMARY = "table.parquet", "table.csv", "failures.csv", "summary.html"
@@ -82,9 +82,13 @@ def write_tables(
     writer.writerows([outcome.index, outcome.kind, outcome.reason] for outcome in failed)
     write_text(folder / FAILURES, stream.getvalue())
     reasons = [(outcome.index, outcome.reason) for outcome in failed]
-    drawn = [dotted(path) for path in cohort.distributions]
-    table = pa.parquet.read_table(folder / PARQUET)
-    write_text(folder / SUMMARY, render_cohort(cohort.title, table.to_pydict(), drawn, reasons))
+    drawn = {
+        dotted(path): [_cell(value) for value in law.choice] if isinstance(law, Choice) else []
+        for path, law in cohort.distributions.items()
+    }
+    table = pa.parquet.read_table(folder / PARQUET).to_pydict()
+    sheet = contact_sheet(folder, finished)
+    write_text(folder / SUMMARY, render_cohort(cohort.title, table, drawn, reasons, sheet))
 
 
 def table_schema(cohort: Cohort) -> pa.Schema:

@@ -1,6 +1,7 @@
 """What a run says about itself: the record in run.json and the HTML page."""
 
 from mammosim.report.cohort_page import render_cohort
+from mammosim.report.contact_sheet import Thumbnails, contact_sheet
 from mammosim.report.page import ReportedView, render_report
 from mammosim.report.record import NOT_HASHED, Status, file_hash, run_hash, run_record
 from mammosim.report.references import REFERENCES, Reference, references_used
@@ -13,6 +14,8 @@ __all__ = [
     "ReportSettings",
     "ReportedView",
     "Status",
+    "Thumbnails",
+    "contact_sheet",
     "file_hash",
     "references_used",
     "render_cohort",

@@ -16,6 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from mammosim.report.contact_sheet import Thumbnails
+
 A_VIEW = (
     ("thickness_mm", "Compressed thickness", "mm"),
     ("force_n", "Compression force", "N"),
@@ -48,12 +50,20 @@ h1,h2{font-weight:600;line-height:1.2} h2{margin-top:2.5rem}
 table{border-collapse:collapse;font-variant-numeric:tabular-nums}
 th,td{padding:.2rem .8rem .2rem 0;text-align:right;border-bottom:1px solid #d8dee4}
 th:first-child,td:first-child,td.text{text-align:left}
+.sheet{display:flex;flex-wrap:wrap;gap:.8rem;padding:.8rem;background:#0b0d10}
+.sheet figure{margin:0} .sheet img{width:auto;height:200px;display:inline-block}
+.sheet figcaption,.sheet a{color:#c9d1d9;font-size:.8rem}
 .plots{display:grid;grid-template-columns:repeat(auto-fill,minmax(20rem,1fr));gap:1rem}
 img{width:100%} p.quiet{color:#57606a}
 </style>
 <h1>{{ title|e }}</h1>
 <p>{{ patients }} patients, {{ pictures }} pictures, {{ lesions }} lesions seen in a view each;
 {{ failures|length }} patients failed.</p>
+{% if sheet %}<h2>The first pictures</h2>
+<div class="sheet">{% for shown in sheet %}<figure>{% for name, uri in shown.pictures %}
+<img alt="patient {{ shown.patient }}, {{ name|e }}" src="{{ uri }}">{% endfor %}
+<figcaption>{% if shown.link %}<a href="{{ shown.link|e }}">patient {{ shown.patient }}</a>
+{%- else %}patient {{ shown.patient }}{% endif %}</figcaption></figure>{% endfor %}</div>{% endif %}
 {% for heading, plots in groups if plots %}<h2>{{ heading }}</h2>
 <div class="plots">{% for plot in plots %}
 <img alt="{{ plot.alt|e }}" src="data:image/png;base64,{{ plot.png }}">
@@ -76,8 +86,9 @@ img{width:100%} p.quiet{color:#57606a}
 def render_cohort(
     title: str,
     table: Mapping[str, Sequence[Any]],
-    drawn: Sequence[str],
+    drawn: Mapping[str, Sequence[Any]],
     failures: Sequence[tuple[int, str]],
+    sheet: Sequence[Thumbnails] = (),
 ) -> str:
     """Make the page, self-contained.
 
@@ -86,10 +97,13 @@ def render_cohort(
     title : str
     table : mapping of str to sequence
         Columns of the cohort's table.
-    drawn : sequence of str
-        Columns whose values were drawn for each patient.
+    drawn : mapping of str to sequence
+        Columns whose values were drawn for each patient, and the order of those that are chosen
+        from a list; empty for others.
     failures : sequence of (int, str)
         Number and reason of each patient that failed.
+    sheet : sequence of Thumbnails
+        Pictures to show.
 
     Returns
     -------
@@ -115,13 +129,14 @@ def render_cohort(
             if not values:
                 continue
             label = f"{name}, {unit}" if unit else name
-            plots.append(_plot(values, label, what))
+            plots.append(_plot(values, label, what, drawn.get(column, ())))
             if _are_numbers(values):
                 rows.append([label, *_statistics(np.array(values, float))])
         shown.append((heading, plots))
     return _PAGE.render(
         title=title, patients=first_of_patient.size, pictures=first_of_view.size,
         lesions=int(lesion.sum()), groups=shown, rows=rows, failures=failures, most=MOST_FAILURES,
+        sheet=sheet,
     )  # fmt: skip
 
 
@@ -135,17 +150,18 @@ def _statistics(values: NDArray[np.float64]) -> list[str]:
     return [str(values.size), *(f"{number:.4g}" for number in numbers)]
 
 
-def _plot(values: Sequence[Any], label: str, what: str) -> dict[str, str]:
-    """A histogram of numbers, or bars of what is no number."""
+def _plot(values: Sequence[Any], label: str, what: str, order: Sequence[Any]) -> dict[str, str]:
+    """A histogram of numbers, or bars of what is no number, in the order of its list."""
     figure = Figure(figsize=(4.2, 2.6), layout="constrained")
     axes = figure.subplots()
     if _are_numbers(values):
         axes.hist(np.array(values, float), bins=min(40, max(5, round(len(values) ** 0.5))),
                   color="#3b6ea5")  # fmt: skip
     else:
-        counts = sorted(Counter(str(value)[:24] for value in values).items())
-        axes.bar([name for name, _ in counts], [count for _, count in counts], color="#3b6ea5")
-        if len(counts) > 3:
+        counts = Counter(str(value)[:24] for value in values)
+        names = list(dict.fromkeys(str(value)[:24] for value in (*order, *sorted(counts))))
+        axes.bar(names, [counts[name] for name in names], color="#3b6ea5")
+        if len(names) > 3:
             axes.tick_params(axis="x", labelrotation=30)
     axes.set_xlabel(label)
     axes.set_ylabel(what)

@@ -41,8 +41,13 @@ def picture_data_uri(mammogram: Mammogram, crop: Crop, rows: int) -> str:
     half = (mammogram.window_width - 1.0) / 2.0
     middle = mammogram.window_center - 0.5  # DICOM's linear window, PS3.3 C.11.2.1.2.1
     grey = np.rint(np.interp(pixels, [middle - half, middle + half], [0.0, 255.0]))
+    return jpeg_data_uri(grey.astype(np.uint8))
+
+
+def jpeg_data_uri(grey: NDArray[np.uint8]) -> str:
+    """A grey picture as ``data:image/jpeg;base64,...``."""
     stream = io.BytesIO()
-    Image.fromarray(grey.astype(np.uint8)).save(stream, format="JPEG", quality=_JPEG_QUALITY)
+    Image.fromarray(grey).save(stream, format="JPEG", quality=_JPEG_QUALITY)
     return "data:image/jpeg;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from scipy import ndimage
 
 from mammosim.compression import CompressedBreast
 from mammosim.phantom import BreastPhantom
+from mammosim.report.figures import jpeg_data_uri
 from mammosim.targets import Target
 from mammosim.tissues import TISSUES
 
@@ -31,7 +29,6 @@ FRAMES = 9
 
 MARGIN_MM = 6.0
 
-_JPEG_QUALITY = 80
 _FAT_SHARE = 0.1  # of the brightness of gland, a length; only shape and gland are to be seen
 _BRIGHTEST = 0.995  # quantile of the pixels with tissue that is shown white
 
@@ -190,9 +187,7 @@ def _splatted(
 
 def _uri(image: NDArray[np.float64]) -> str:
     grey = np.rint(255.0 * np.sqrt(np.clip(image, 0.0, 1.0))).astype(np.uint8)
-    stream = io.BytesIO()
-    Image.fromarray(grey).save(stream, format="JPEG", quality=_JPEG_QUALITY)
-    return "data:image/jpeg;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    return jpeg_data_uri(grey)
 
 
 def _moved(plane: Plane, target: Target) -> Moved:
