@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 
 import dask
 from dask.system import CPU_COUNT
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, get_worker
 
 from mammosim.errors import InputError, Interrupted
 from mammosim.phantom.memory import available_bytes
@@ -152,19 +153,32 @@ def wait_for_worker(client: Client) -> None:
 def shares(client: Client) -> tuple[int, float]:
     """Threads and memory (GB) that every worker of a running cluster has for itself.
 
-    The processors of a host are shared out among its workers; the smallest share holds for all.
+    Workers of a host that may use the same processors share them out; one that its batch system
+    bound to processors of its own has them all. The smallest share holds for all.
     """
     workers = client.scheduler_info(n_workers=-1)["workers"]
-    on_host = Counter(worker["host"] for worker in workers.values())
-    threads = [
-        processors // on_host[workers[address]["host"]]
-        for address, processors in client.run(_processors).items()
+    bound = {
+        (workers[address]["host"], address): found
+        for address, found in client.run(_processors, on_error="ignore").items()
         if address in workers
-    ]
+    }
+    sharing = Counter((host, which) for (host, _), (_, which) in bound.items())
+    threads = [count // sharing[host, which] for (host, _), (count, which) in bound.items()]
     limits = [worker["memory_limit"] / 1e9 for worker in workers.values()]
     limits = [limit for limit in limits if limit > 0]
     return max(1, min(threads, default=1)), min(limits, default=float("inf"))
 
 
-def _processors() -> int:
-    return int(CPU_COUNT)
+def _processors() -> tuple[int, frozenset[int]]:
+    """How many processors a worker may keep busy, and which it may run on."""
+    which = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(int(CPU_COUNT))
+    return int(CPU_COUNT), frozenset(which)
+
+
+def own_memory_gb() -> float:
+    """Memory that Dask lets the worker have that this is called in, GB; infinite elsewhere."""
+    try:
+        limit = get_worker().memory_manager.memory_limit
+    except ValueError:
+        return float("inf")
+    return limit / 1e9 if limit else float("inf")

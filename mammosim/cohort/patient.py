@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mammosim.cohort.cluster import own_memory_gb
 from mammosim.cohort.dataset import write_example
 from mammosim.cohort.settings import DatasetSettings
 from mammosim.errors import InputError, Interrupted, MammosimError
@@ -147,10 +148,10 @@ def _make(patient: Patient, folder: Path) -> bool:
     found = is_finished(folder, config)
     if not found:
         needed = worker_gb(make_plan(config))
-        if needed > patient.memory_gb:
+        room = min(patient.memory_gb, own_memory_gb())  # one that came late may have less
+        if needed > room:
             raise InputError(
-                f"{where}: needs about {needed:.2g} GB of memory, but a worker has "
-                f"{patient.memory_gb:.2g} GB"
+                f"{where}: needs about {needed:.3g} GB of memory, but a worker has {room:.3g} GB"
             )
         simulate(config, RunFolder(folder, config, title=folder.name))
     if not patient.keep_stages:
