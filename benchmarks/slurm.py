@@ -1,6 +1,6 @@
 """The how-to page's script on a SLURM cluster of three nodes, disturbed; every byte compared.
 
-    python benchmarks/slurm.py [--patients 8] [--cancel 5]
+    python benchmarks/slurm.py [--patients 12] [--cancel 5]
 
 Needs dask-jobqueue, root and Debian's packages, see `slurm_site.py`, which makes the cluster. The
 script is taken from the page; only its sizes are others.
@@ -13,6 +13,7 @@ import csv
 import os
 import random
 import re
+import shlex
 import subprocess
 import sys
 import time
@@ -37,11 +38,14 @@ SMALL = {
     "projection": {"pixel_mm": 0.5},
 }
 
+LONGEST_PAUSE_S = 15.0
+"""Between two jobs cancelled: workers need some seconds to start, and a patient takes ten."""
+
 
 def main() -> None:
     """Enter namespaces of our own, and try."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--patients", type=int, default=8)
+    parser.add_argument("--patients", type=int, default=12)
     parser.add_argument("--cancel", type=int, default=5, help="jobs that are cancelled")
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
     wanted = parser.parse_args()
@@ -62,7 +66,8 @@ def try_all(site: Site, patients: int, cancel: int) -> None:
     size = sum(map(len, expected.values())) / 1e6
     say(f"in peace: {patients} patients, {len(expected)} files, {size:.0f} MB", begun)
     trials: tuple[Callable[[Site, Path, int], str], ...] = (
-        late_workers, cancelled_jobs, lost_node, ended_lifetimes, wall_time, killed_script,
+        late_workers, cancelled_jobs, lost_node, ended_lifetimes, wall_time, script_as_job,
+        killed_script,
     )  # fmt: skip
     for trial in trials:
         begun, output = time.monotonic(), site.folder / trial.__name__
@@ -125,7 +130,7 @@ def cancelled_jobs(site: Site, output: Path, cancel: int) -> str:
     """`scancel` of jobs with a patient, at random moments."""
     script, rng, moments = start(output), random.Random(1), []
     while len(moments) < cancel and script.poll() is None:
-        time.sleep(rng.uniform(0.0, 8.0))
+        time.sleep(rng.uniform(2.0, LONGEST_PAUSE_S))
         jobs = sorted({job for pid in owners(output) if (job := job_of(pid))})
         if jobs:
             moments.append(finished(output))
@@ -156,6 +161,14 @@ def wall_time(site: Site, output: Path, cancel: int) -> str:
     return f"exit status {start(output, walltime='00:01:00', jobs=1).wait(MOST_SECONDS)}"
 
 
+def script_as_job(site: Site, output: Path, cancel: int) -> str:
+    """The script submitted, too; nobody types anything."""
+    place, words = prepare(output, 1, 3)
+    job = ["sbatch", "--wait", "--mem=2G", f"--chdir={place}", "--wrap", shlex.join(words)]
+    status = subprocess.run(job, stdout=subprocess.DEVNULL, timeout=MOST_SECONDS).returncode
+    return f"exit status {status}"
+
+
 def killed_script(site: Site, output: Path, cancel: int) -> str:
     """SIGKILL to the script, and with it the scheduler; then both again."""
     script = start(output)
@@ -177,10 +190,18 @@ def small_jobs(output: Path) -> str:
     return f"{len(failures)} failures, the first {failures[0]['reason']!r}; exit status {status}"
 
 
-def start(output: Path, *, cores: int = 1, jobs: int = 4, memory: str = "2GB",
-          walltime: str = "08:00:00", lifetime: str = "470m", stagger: str = "5m",
-          ) -> subprocess.Popen[bytes]:  # fmt: skip
-    """The page's script with other sizes."""
+def start(output: Path, cores: int = 1, jobs: int = 4, **sizes: str) -> subprocess.Popen[bytes]:
+    """Start the page's script."""
+    place, words = prepare(output, cores, jobs, **sizes)
+    log = output.with_suffix(".log").open("ab")
+    return subprocess.Popen(words, cwd=place, stdout=log, stderr=log)
+
+
+def prepare(
+    output: Path, cores: int, jobs: int, *, memory: str = "2GB", walltime: str = "08:00:00",
+    lifetime: str = "470m", stagger: str = "5m",
+) -> tuple[Path, list[str]]:  # fmt: skip
+    """The page's script with other sizes; its folder, and how it is started."""
     found = re.search(r"```\{\.python[^\n]*\n(.*?)```", PAGE.read_text(), re.DOTALL)
     text = found.group(1) if found else ""
     for old, new in (
@@ -196,8 +217,7 @@ def start(output: Path, *, cores: int = 1, jobs: int = 4, memory: str = "2GB",
     place.mkdir(exist_ok=True)
     (place / "on_slurm.py").write_text(text)
     words = [sys.executable, "on_slurm.py", "../cohort.yaml", "--output", str(output), "--resume"]
-    log = output.with_suffix(".log").open("ab")
-    return subprocess.Popen(words, cwd=place, stdout=log, stderr=log)
+    return place, words
 
 
 def place_of(output: Path) -> Path:

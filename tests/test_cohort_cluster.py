@@ -1,0 +1,50 @@
+"""What each worker of a cluster may take: its share of a host's processors, its own memory."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from distributed import Client, LocalCluster
+from test_cohort_run import describe, task
+
+from mammosim.cohort.cluster import own_memory_gb, shares
+from mammosim.cohort.patient import make_patient
+
+
+def test_a_worker_knows_its_own_memory():
+    assert own_memory_gb() == float("inf")
+    for limit, known in (("750MB", 0.75), (0, float("inf"))):
+        here = {"processes": False, "n_workers": 1, "dashboard_address": None}
+        with LocalCluster(**here, memory_limit=limit) as cluster, Client(cluster) as client:
+            assert client.submit(own_memory_gb).result() == pytest.approx(known)
+
+
+def test_a_worker_that_came_late_has_less_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr("mammosim.cohort.patient.own_memory_gb", lambda: 0.25)
+    outcome = make_patient(task(describe(tmp_path), tmp_path, 0, memory_gb=8.0))
+    assert re.search(
+        r"needs about \d\.\d\d+ GB of memory, but a worker has 0\.25 GB", outcome.reason
+    )
+
+
+@pytest.mark.parametrize(
+    ("processors", "threads"),
+    [
+        ([range(16), range(16)], 8),  # nothing binds them: they share their host
+        ([range(4), range(4, 8)], 4),  # a batch system gave each its own
+        ([range(4), range(4, 8), range(8, 10)], 2),
+    ],
+)
+def test_the_processors_of_a_host_are_shared_out(processors, threads):
+    here = {str(i): {"host": "a", "memory_limit": (i + 1) * 10**9} for i in range(len(processors))}
+
+    class Given:
+        def scheduler_info(self, n_workers):
+            return {"workers": here}
+
+        def run(self, function, on_error):
+            gone = {"gone": (1, frozenset([0]))}  # a worker that ended meanwhile
+            return gone | {str(i): (len(p), frozenset(p)) for i, p in enumerate(processors)}
+
+    assert shares(Given()) == (threads, 1.0)
