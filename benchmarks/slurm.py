@@ -1,6 +1,6 @@
 """The how-to page's script on a SLURM cluster of three nodes, disturbed; every byte compared.
 
-    python benchmarks/slurm.py [--patients 12] [--cancel 5]
+    python benchmarks/slurm.py [--patients 16] [--cancel 5]
 
 Needs dask-jobqueue, root and Debian's packages, see `slurm_site.py`, which makes the cluster. The
 script is taken from the page; only its sizes are others.
@@ -36,6 +36,7 @@ SMALL = {
     },
     "compression": {"resolution_mm": 4},
     "projection": {"pixel_mm": 0.5},
+    "views": ["CC", "MLO"],
 }
 
 LONGEST_PAUSE_S = 15.0
@@ -45,7 +46,7 @@ LONGEST_PAUSE_S = 15.0
 def main() -> None:
     """Enter namespaces of our own, and try."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--patients", type=int, default=12)
+    parser.add_argument("--patients", type=int, default=16)
     parser.add_argument("--cancel", type=int, default=5, help="jobs that are cancelled")
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
     wanted = parser.parse_args()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -22,8 +23,9 @@ from pathlib import Path
 import psutil
 
 NODES = (1, 2, 3)
-PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "ip", "unshare")
-SPACES = ("--net", "--uts", "--mount", "--pid", "--fork", "--mount-proc", "--kill-child")
+PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "ip", "setpriv", "unshare")
+SPACES = ("unshare", "--net", "--uts", "--mount", "--pid", "--fork", "--mount-proc", "--kill-child")
+WITH_ITS_PARENT = ("setpriv", "--pdeathsig", "KILL")
 MOST_SECONDS = 900.0
 
 SLURM_CONF = """
@@ -56,7 +58,8 @@ def enter(*arguments: str) -> int:
         sys.exit(f"needs root, and of programs: {' '.join(missing) or 'no more'}")
     with tempfile.TemporaryDirectory() as folder:
         again = [sys.executable, sys.argv[0], *arguments, "--folder", folder]
-        return subprocess.call(["unshare", *SPACES, *again])
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit("terminated"))
+        return subprocess.call([*WITH_ITS_PARENT, *SPACES, *again])
 
 
 @dataclass
