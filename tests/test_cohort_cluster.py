@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from unittest.mock import Mock
 
 import pytest
 from distributed import Client, LocalCluster
 from test_cohort_run import describe, task
 
+from mammosim.cohort import load_cohort
 from mammosim.cohort.cluster import own_memory_gb, shares
 from mammosim.cohort.patient import make_patient
+from mammosim.cohort.run import _Work
 
 
 def test_a_worker_knows_its_own_memory():
@@ -48,3 +51,14 @@ def test_the_processors_of_a_host_are_shared_out(processors, threads):
             return gone | {str(i): (len(p), frozenset(p)) for i, p in enumerate(processors)}
 
     assert shares(Given()) == (threads, 1.0)
+
+
+def test_what_a_lost_worker_had_is_not_running(tmp_path):
+    client = Mock(status="running", cluster=None)
+    work = _Work(load_cohort(describe(tmp_path)), tmp_path, client, 1, 8.0, lambda _: None)
+    for workers in ({"a": 1, "b": 1}, {"b": 1}, {}):
+        client.nthreads.return_value = workers
+        work._submit()
+        there = len(workers)
+        assert (work.progress.running, work.progress.waiting) == (there, 5 - there)
+    assert client.submit.call_count == 2

@@ -172,7 +172,8 @@ class _Work:
             future = self._client.submit(make_patient, self._patient(index), key=key, pure=False)
             future.add_done_callback(lambda _: self._woken.set())
             self._running[future] = index
-        self.progress = replace(self.progress, running=len(self._running))
+        running = min(len(self._running), room)  # what a lost worker had waits for the next
+        self.progress = replace(self.progress, running=running)
 
     def _replace_workers(self, there: int) -> None:
         """Start local workers anew that are gone for good.
