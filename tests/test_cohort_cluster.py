@@ -55,6 +55,7 @@ def test_the_processors_of_a_host_are_shared_out(processors, threads):
 
 def test_what_a_lost_worker_had_is_not_running(tmp_path):
     client = Mock(status="running", cluster=None)
+    client.submit.side_effect = lambda *_, **__: Mock()
     work = _Work(load_cohort(describe(tmp_path)), tmp_path, client, 1, 8.0, lambda _: None)
     for workers in ({"a": 1, "b": 1}, {"b": 1}, {}):
         client.nthreads.return_value = workers
