@@ -13,6 +13,7 @@ from mammosim.cohort import load_cohort
 from mammosim.cohort.cluster import own_memory_gb, shares
 from mammosim.cohort.patient import make_patient
 from mammosim.cohort.run import _Work
+from mammosim.errors import Interrupted
 
 
 def test_a_worker_knows_its_own_memory():
@@ -51,6 +52,13 @@ def test_the_processors_of_a_host_are_shared_out(processors, threads):
             return gone | {str(i): (len(p), frozenset(p)) for i, p in enumerate(processors)}
 
     assert shares(Given()) == (threads, 1.0)
+
+
+def test_a_scheduler_that_goes_while_its_workers_are_asked():
+    client = Mock()
+    client.run.side_effect = OSError("connection lost")
+    with pytest.raises(Interrupted, match=r"does not answer any more \(connection lost\)"):
+        shares(client)
 
 
 def test_what_a_lost_worker_had_is_not_running(tmp_path):

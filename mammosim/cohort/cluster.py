@@ -155,13 +155,18 @@ def shares(client: Client) -> tuple[int, float]:
 
     Workers of a host that may use the same processors share them out; one that its batch system
     bound to processors of its own has them all. The smallest share holds for all.
+
+    Raises
+    ------
+    Interrupted
+        If the scheduler is lost meanwhile.
     """
-    workers = client.scheduler_info(n_workers=-1)["workers"]
-    bound = {
-        (workers[address]["host"], address): found
-        for address, found in client.run(_processors, on_error="ignore").items()
-        if address in workers
-    }
+    try:
+        workers = client.scheduler_info(n_workers=-1)["workers"]
+        found = client.run(_processors, on_error="ignore")
+    except OSError as error:
+        raise Interrupted(f"the scheduler does not answer any more ({error})", None) from None
+    bound = {(workers[name]["host"], name): found[name] for name in found if name in workers}
     sharing = Counter((host, which) for (host, _), (_, which) in bound.items())
     threads = [count // sharing[host, which] for (host, _), (count, which) in bound.items()]
     limits = [worker["memory_limit"] / 1e9 for worker in workers.values()]
