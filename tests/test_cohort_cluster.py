@@ -56,6 +56,7 @@ def test_the_processors_of_a_host_are_shared_out(processors, threads):
 
 def test_a_scheduler_that_goes_while_its_workers_are_asked():
     client = Mock()
+    client.scheduler_info.return_value = {"workers": {}}
     client.run.side_effect = OSError("connection lost")
     with pytest.raises(Interrupted, match=r"does not answer any more \(connection lost\)"):
         shares(client)
