@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from make_records import make_compressed, make_phantom
 from make_run import SMALL, invoke, save_breast, write
 
 from mammosim.errors import InputError
 from mammosim.geometry import View
-from mammosim.pipeline import is_being_written, load_config, writing
+from mammosim.pipeline import RunFolder, is_being_written, load_config, simulate, writing
 from mammosim.pipeline.packing import pack, unpack
 from mammosim.pipeline.stages import COMPRESSION_ROOMS, PHANTOM_ROOMS, stage_key
 
@@ -61,6 +62,19 @@ def again(user, first, *arguments, output=None):
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     return record(output)["stages_reused"], data_of(output)
+
+
+def test_a_folder_holds_what_is_made_without_one(user, first):
+    """The generated breast is open to the axilla, which is left out of this view."""
+    study = simulate(load_config(user / "generated.yaml"))
+    assert study.breast.open_end is not None
+    held = study.views["LCC"].squeezed.phantom
+    assert np.count_nonzero(held.labels) < np.count_nonzero(study.breast.labels)
+    picture = tifffile.imread(first / "LCC" / "mammogram.tif")
+    np.testing.assert_array_equal(picture, study.views["LCC"].mammogram.for_processing)
+    resumed = simulate(load_config(user / "generated.yaml"), RunFolder(
+        user / "kept", load_config(user / "generated.yaml"), "kept", [first]))  # fmt: skip
+    np.testing.assert_array_equal(resumed.views["LCC"].squeezed.phantom.labels, held.labels)
 
 
 @pytest.mark.parametrize(

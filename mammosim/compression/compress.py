@@ -16,7 +16,7 @@ from mammosim.compression.uncompressed import leave_uncompressed
 from mammosim.config import to_settings
 from mammosim.errors import Interrupted, NotConverged
 from mammosim.geometry import View
-from mammosim.phantom import BreastPhantom, leaves_picture, without_open_end
+from mammosim.phantom import BreastPhantom, as_held
 
 MODELS: dict[str, Callable[..., CompressedBreast]] = {
     "springs": compress_springs,
@@ -65,9 +65,8 @@ def compress(
     checked = to_settings(CompressionSettings, settings, "compress()", ("compression",))
     if isinstance(view, str):
         view = View(view, breast.laterality, checked.mlo_angle_deg)
-    if not leaves_picture(breast, view.rotation[1]):
-        breast = without_open_end(breast)
-    squeezed = MODELS[checked.model](breast, view, checked, seed, watch)
+    held = as_held(breast, view.rotation[1])
+    squeezed = MODELS[checked.model](held, view, checked, seed, watch)
     if squeezed.interrupted:
         raise Interrupted(f"{view.folder}: compression was interrupted", squeezed)
     if not squeezed.converged:

@@ -4,7 +4,7 @@ from mammosim.phantom.anatomy import GenerateSettings, generate_phantom
 from mammosim.phantom.breast import BreastPhantom, Landmark, Lesion, OpenEnd
 from mammosim.phantom.lesions import insert_lesions
 from mammosim.phantom.make import make_phantom
-from mammosim.phantom.open_end import leaves_picture, without_open_end
+from mammosim.phantom.open_end import as_held, leaves_picture, without_open_end
 from mammosim.phantom.read import read_phantom
 from mammosim.phantom.settings import LandmarkSettings, LesionSettings, PhantomSettings
 from mammosim.phantom.summary import PhantomSummary, phantom_summary
@@ -19,6 +19,7 @@ __all__ = [
     "OpenEnd",
     "PhantomSettings",
     "PhantomSummary",
+    "as_held",
     "generate_phantom",
     "insert_lesions",
     "leaves_picture",

@@ -28,6 +28,23 @@ def leaves_picture(breast: BreastPhantom, long_side: NDArray[np.float64]) -> boo
     return end is not None and abs(float(end.normal @ long_side)) >= SEEN_ALONG
 
 
+def as_held(breast: BreastPhantom, long_side: NDArray[np.float64]) -> BreastPhantom:
+    """The part of a breast that lies on the support in a view.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    long_side : ndarray, (3,)
+        Unit vector along the chest-wall edge of the picture, breast frame.
+
+    Raises
+    ------
+    InputError
+        If a lesion or landmark lies in what is left out.
+    """
+    return breast if leaves_picture(breast, long_side) else without_open_end(breast)
+
+
 def without_open_end(breast: BreastPhantom) -> BreastPhantom:
     """The breast without its way to the axilla, as other views than oblique ones hold it.
 

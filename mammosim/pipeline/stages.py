@@ -22,7 +22,7 @@ import numpy as np
 from mammosim.compression import CompressedBreast
 from mammosim.export import whole_file, write_json
 from mammosim.geometry import View
-from mammosim.phantom import BreastPhantom
+from mammosim.phantom import BreastPhantom, as_held
 from mammosim.pipeline.packing import pack, unpack
 from mammosim.pipeline.run_config import RunConfig, without_paths
 from mammosim.report import file_hash
@@ -83,10 +83,12 @@ class KeptStages:
         }
         key = stage_key(COMPRESSION_ROOMS, values, self._inputs)
         # The breast has its own file, or is in the phantom's.
-        squeezed = self._kept(
+        squeezed: CompressedBreast = self._kept(
             f"{view.folder}.compression", key, make, lambda made: replace(made, phantom=None)
         )
-        return replace(squeezed, phantom=breast)
+        if squeezed.phantom is None:
+            squeezed = replace(squeezed, phantom=as_held(breast, view.rotation[1]))
+        return squeezed
 
     def _kept(
         self,
