@@ -99,6 +99,8 @@ def test_only_what_was_used_is_cited():
     assert "springs" not in fem
     assert "wellman" not in fem
     assert "victre" in fem
+    assert "krouskop" not in fem
+    assert "krouskop" in keys({"compression": {"stiffness": "krouskop"}})
     assert "spekpy" not in keys({"acquisition": {"spectrum_file": "tube.csv"}})
     assert "simpleitk" not in keys({"export": {"volumes": False}})
     assert "samani" not in keys({"targets": {}})

@@ -98,7 +98,7 @@ REFERENCES: dict[str, Reference] = {
         "10.1088/0031-9155/52/6/002",
     ),
     "krouskop": Reference(
-        "spread of tissue stiffness (uncertainty)",
+        "stiffness set 'krouskop', spread of tissue stiffness (uncertainty)",
         "Krouskop TA, Wheeler TM, Kallel F, Garra BS, Hall T. Elastic moduli of breast and "
         "prostate tissues under compression. Ultrason Imaging 20:260-274, 1998.",
         "10.1177/016173469802000403",
@@ -177,7 +177,7 @@ def references_used(settings: Mapping[str, Any]) -> list[Reference]:
         "spekpy": acquisition.get("spectrum_file") is None,
         "hammerstein": acquisition.get("composition", "hammerstein") == "hammerstein",
         "samani": varied,
-        "krouskop": varied,
+        "krouskop": varied or stiffness == "krouskop",
         "hauge": varied,
         "plotly": report.get("html", True) and report.get("three_d", True),
         "highdicom": export.get("dicom", True),
