@@ -32,10 +32,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from make_run import invoke, save_breast, write
 from make_volumes import FORMATS, save, small_breast
 
-from mammosim.cohort import cohort_status, load_cohort
+from mammosim.cohort import cohort_status, load_cohort, plan_cohort
+from mammosim.compression import compress
 from mammosim.config import read_yaml
 from mammosim.errors import InputError
-from mammosim.phantom import read_phantom
+from mammosim.phantom import make_phantom, read_phantom
 from mammosim.pipeline import (
     RunConfig,
     RunFolder,
@@ -135,6 +136,8 @@ class Sound:
         if result.exit_code:
             raise RuntimeError(result.output)
         self.run = _contents(folder / "run")
+        breast = make_phantom(self.settings.phantom, self.settings.laterality)
+        self.squeezed = compress(breast, "CC", model="none")
 
 
 def attempt(
@@ -205,6 +208,8 @@ def try_cohort(sound: Sound, rng: random.Random) -> int:
         return 0
     cohort = load_cohort(path)
     cohort.config_of(rng.randrange(cohort.patients))
+    if rng.random() < 0.01:
+        plan_cohort(cohort)
     return 0
 
 
@@ -237,8 +242,9 @@ def try_run_folder(sound: Sound, rng: random.Random) -> int:
         return 0
     if not is_finished(folder, sound.settings):
         kept = RunFolder(folder, sound.settings).stages
-        view = _View()
-        kept.compression(sound.settings, sound.settings.compression, None, view, lambda: None)  # type: ignore[arg-type, return-value]
+        made = sound.squeezed
+        settings = sound.settings.compression
+        kept.compression(sound.settings, settings, made.phantom, made.view, lambda: made)
     if (folder / "run.json").exists():
         load_config(folder / "run.json")
     return 0
@@ -258,12 +264,6 @@ def try_cohort_folder(sound: Sound, rng: random.Random) -> int:
     _write_faulty(folder, contents, rng)
     cohort_status(folder)
     return 0
-
-
-class _View:
-    """What the kept stages ask of a view."""
-
-    folder, name, laterality, mlo_angle_deg, tomosynthesis = "LCC", "CC", "L", 45.0, False
 
 
 def _change(values: Any, rng: random.Random, sound: Sound) -> None:
