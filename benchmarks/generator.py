@@ -24,8 +24,13 @@ from mammosim.phantom import phantom_summary
 from mammosim.phantom.anatomy import DENSITY_PERCENT
 from mammosim.report.texture import power_law_exponent
 
-LATTICE_MM, PIXEL_MM = 2.0, 0.2
-"""Springs and pixels: coarse ones, which leave thickness, area and texture up to 0.7 / mm."""
+PIXEL_MM = 0.2
+"""Coarse, which leaves area and texture up to 0.7 / mm."""
+
+COMPRESSION = {"model": "hyperelastic", "resolution_mm": 4.0, "chest_wall": "sliding",
+               "stiffness": "krouskop", "plate_edge_mm": 15.0}  # fmt: skip
+DETECTOR_EDGE_MM = 18.0
+"""As CC of configs/cohort.yaml."""
 
 COLUMNS = (
     "seed", "density", "target_percent", "percent", "projected_percent", "volume_ml",
@@ -54,11 +59,13 @@ def main() -> None:
         measure_speed(float(chosen.speed[1]), chosen.volume)
         return
     chosen.output.mkdir(parents=True, exist_ok=True)
-    rows = [
-        one_breast(density, 100 * number + turn, chosen.voxel)
-        for number, density in enumerate(DENSITY_PERCENT)
-        for turn in range(1, chosen.breasts + 1)
-    ]
+    rows = []
+    for number, density in enumerate(DENSITY_PERCENT):
+        for seed in range(100 * number + 1, 100 * number + chosen.breasts + 1):
+            try:
+                rows.append(one_breast(density, seed, chosen.voxel))
+            except mammosim.NotConverged as error:
+                print(f"{density}, seed {seed}: {error}", flush=True)
     with (chosen.output / "breasts.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
@@ -72,8 +79,8 @@ def one_breast(density: str, seed: int, voxel_mm: float) -> dict[str, float | st
     start = time.perf_counter()
     breast = mammosim.generate_phantom(density, voxel_mm, seed)
     summary = phantom_summary(breast)
-    squeezed = mammosim.compress(breast, view="CC", resolution_mm=LATTICE_MM)
-    paths = mammosim.project(squeezed, pixel_mm=PIXEL_MM)
+    squeezed = mammosim.compress(breast, view="CC", **COMPRESSION)
+    paths = mammosim.project(squeezed, pixel_mm=PIXEL_MM, detector_edge_mm=DETECTOR_EDGE_MM)
     image = mammosim.expose(paths, seed=seed)
     row = {
         "seed": seed, "density": density, "target_percent": DENSITY_PERCENT[density],

@@ -17,7 +17,13 @@ BREASTS = {"fatty": (1, 3), "scattered": (102, 104), "heterogeneous": (201, 203)
            "dense": (301, 303)}  # fmt: skip
 """Seeds of each class."""
 
-VOXEL_MM, LATTICE_MM, PIXEL_MM = 0.4, 2.0, 0.2
+VOXEL_MM, PIXEL_MM = 0.4, 0.2
+COMPRESSION = {"model": "hyperelastic", "resolution_mm": 4.0, "chest_wall": "sliding",
+               "stiffness": "krouskop"}  # fmt: skip
+EDGE_MM, ROUNDING_MM = {"CC": 15.0, "MLO": 5.0}, 3.0
+"""Of the plates in front of the chest wall, as in configs/cohort.yaml; the detector begins where
+their edge's rounding has ended."""
+
 HEIGHT_PX, WIDTH_PX = 330, 210
 
 
@@ -38,8 +44,10 @@ def main() -> None:
 
 def picture(breast: mammosim.BreastPhantom, view: str) -> Image.Image:
     """A view for presentation, without the air beyond the nipple."""
-    squeezed = mammosim.compress(breast, view=view, resolution_mm=LATTICE_MM)
-    image = mammosim.expose(mammosim.project(squeezed, pixel_mm=PIXEL_MM), seed=1)
+    edge = EDGE_MM[view]
+    squeezed = mammosim.compress(breast, view=view, plate_edge_mm=edge, **COMPRESSION)
+    paths = mammosim.project(squeezed, pixel_mm=PIXEL_MM, detector_edge_mm=edge + ROUNDING_MM)
+    image = mammosim.expose(paths, seed=1)
     grey = image.for_presentation.astype(float) * (255.0 / 4095.0)
     whole = Image.fromarray(np.clip(grey, 0.0, 255.0).astype(np.uint8))
     width = round(whole.width * HEIGHT_PX / whole.height)
