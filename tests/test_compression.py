@@ -236,7 +236,10 @@ def test_tissue_that_hangs_on_nothing_is_left_out_and_said():
             r"compression.stiffness_kpa: .*unknown tissue jelly; expected one of adipose, artery",
         ),
         ({"stiffness_kpa": {"skin": 0.0}}, r"compression.stiffness_kpa.skin"),
-        ({"stiffness": "steel"}, r"compression.stiffness: found 'steel', expected one of krouskop, thesis"),
+        (
+            {"stiffness": "steel"},
+            r"compression.stiffness: found 'steel', expected one of krouskop, thesis, victre",
+        ),
         ({"thickness_mm": 30.0, "force_n": 5.0}, r"give one of thickness_mm, force_n"),
         ({"paddle_z_mm": 30.0}, r"given together or not at all"),
         ({"paddle_z_mm": -30.0, "support_z_mm": 0.0}, r"must be greater than support_z_mm"),
