@@ -137,9 +137,11 @@ def check(
 ) -> None:
     """Validate a configuration and print the plan, without computing anything."""
     with exit_status():
-        from mammosim.cohort.description import is_cohort
+        from mammosim.config import read_yaml
+        from mammosim.pipeline import is_cohort
 
-        lines = (_cohort_plan if is_cohort(config) else _run_plan)(config, change or ())
+        plan_of = _cohort_plan if is_cohort(read_yaml(config)) else _run_plan
+        lines = plan_of(config, change or ())
         for line in lines:
             out.print(plain(line), highlight=False)
 

@@ -1,6 +1,6 @@
 """Many virtual patients from one file, on Dask: nothing lost, and the same whatever happens."""
 
-from mammosim.cohort.description import Cohort, is_cohort, load_cohort
+from mammosim.cohort.description import Cohort, load_cohort
 from mammosim.cohort.plan import CohortPlan, plan_cohort
 from mammosim.cohort.progress import Progress
 from mammosim.cohort.run import run_cohort
@@ -18,7 +18,6 @@ __all__ = [
     "SplitSettings",
     "cohort_schema",
     "cohort_status",
-    "is_cohort",
     "load_cohort",
     "plan_cohort",
     "run_cohort",

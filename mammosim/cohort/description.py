@@ -133,12 +133,6 @@ def load_cohort(path: str | os.PathLike[str], changes: Sequence[str] = ()) -> Co
     return Cohort(title, where, folder, values, settings, seed, laws, rows)
 
 
-def is_cohort(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is a cohort's, not a run's configuration."""
-    values = read_yaml(Path(path))
-    return isinstance(values, dict) and not values.keys().isdisjoint(("cohort", "cohort_of"))
-
-
 def dotted(path: KeyPath) -> str:
     """A key path as a user writes it."""
     return ".".join(str(key) for key in path)

@@ -8,6 +8,7 @@ from mammosim.pipeline.run_config import (
     RunConfig,
     apply_change,
     config_of,
+    is_cohort,
     load_config,
 )
 from mammosim.pipeline.save import RunFolder, check_output, is_finished, read_record, title_of
@@ -26,6 +27,7 @@ __all__ = [
     "check_settings",
     "config_of",
     "is_being_written",
+    "is_cohort",
     "is_finished",
     "load_config",
     "make_plan",

@@ -190,11 +190,16 @@ def config_of(values: dict[str, Any], folder: Path, where: str) -> RunConfig:
         ) from None
 
 
+def is_cohort(values: Any) -> bool:
+    """Whether a file's plain values are a cohort's, not a run's configuration."""
+    return isinstance(values, dict) and not values.keys().isdisjoint(("cohort", "cohort_of"))
+
+
 def _run_settings(values: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
     """The configuration, also where it stands in a run's record."""
     if isinstance(values, dict) and {"run_hash", "settings"} <= values.keys():
         values = values["settings"]
-    if isinstance(values, dict) and not values.keys().isdisjoint(("cohort", "cohort_of")):
+    if is_cohort(values):
         raise InputError(f"{path}: is a cohort's file; use mammosim cohort run")
     if not isinstance(values, dict):
         raise InputError(f"{path}: expected a mapping with the section 'phantom'")

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim._jit import kernel, parallel_kernel
+from mammosim.projection._label_kernels import Labels
 
 Floats = NDArray[np.float64]
 Nodes = NDArray[np.float32]
-Labels = NDArray[np.uint8]
 
 Place = tuple[float, float, float, float]
 """A fractional voxel x, y, z and the density there."""

@@ -13,12 +13,11 @@ from mammosim._jit import kernel, parallel_kernel
 from mammosim.projection._grid_kernels import (
     NOWHERE,
     Floats,
-    Labels,
     Nodes,
     Place,
     value_on_plane,
 )
-from mammosim.projection._label_kernels import Words
+from mammosim.projection._label_kernels import Labels, Words
 
 _SKIN = 1e-6
 _NO_BIT, _ONE = np.uint64(0), np.uint64(1)
