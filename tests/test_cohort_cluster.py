@@ -6,12 +6,13 @@ import re
 from unittest.mock import Mock
 
 import pytest
-from distributed import Client, LocalCluster
+from distributed import CancelledError, Client, LocalCluster
+from distributed.comm import CommClosedError
 from test_cohort_run import describe, task
 
 from mammosim.cohort import load_cohort
 from mammosim.cohort.cluster import own_memory_gb, shares
-from mammosim.cohort.patient import make_patient
+from mammosim.cohort.patient import Outcome, make_patient
 from mammosim.cohort.run import _Work
 from mammosim.errors import Interrupted
 
@@ -72,3 +73,49 @@ def test_what_a_lost_worker_had_is_not_running(tmp_path):
         there = len(workers)
         assert (work.progress.running, work.progress.waiting) == (there, 5 - there)
     assert client.submit.call_count == 2
+
+
+class Lost:
+    """A future whose outcome is there, and is lost while it is fetched."""
+
+    def __init__(self, loss: type[Exception], then: str) -> None:
+        self.status, self._loss, self._then = "finished", loss, then
+
+    def result(self, timeout: float | None = None) -> None:
+        self.status = self._then
+        raise self._loss
+
+    def add_done_callback(self, call) -> None: ...
+
+
+@pytest.mark.parametrize(
+    ("loss", "then"),
+    [(CommClosedError, "cancelled"), (CancelledError, "cancelled"), (TimeoutError, "lost")],
+)
+def test_an_outcome_lost_on_its_way_is_asked_for_again(tmp_path, loss, then):
+    cohort = load_cohort(describe(tmp_path))
+    client = Mock(status="running", cluster=None)
+    client.nthreads.return_value = {"a": 1}
+    begun = []
+
+    def submit(make, patient, **_):
+        begun.append(patient.index)
+        if begun == [0, 1, 2]:
+            return Lost(loss, then)
+        return Mock(status="finished", **{"result.return_value": Outcome(patient.index)})
+
+    client.submit.side_effect = submit
+    work = _Work(cohort, tmp_path, client, 1, 8.0, lambda _: None)
+    assert [outcome.index for outcome in work.through()] == [0, 1, 2, 3, 4]
+    assert begun == [0, 1, 2, 2, 3, 4]
+
+
+def test_an_outcome_lost_with_its_scheduler_ends_the_cohort(tmp_path):
+    client = Mock(status="running", cluster=None)
+    client.nthreads.return_value = {"a": 1}
+    client.submit.side_effect = lambda *_, **__: Lost(CommClosedError, "cancelled")
+    work = _Work(load_cohort(describe(tmp_path)), tmp_path, client, 1, 8.0, lambda _: None)
+    work._submit()
+    client.status = "closed"
+    with pytest.raises(Interrupted, match=r"not answer any more; 0 of 5 patients are done"):
+        work.through()

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from distributed import Client, Future, KilledWorker
+from distributed import CancelledError, Client, Future, KilledWorker
 
 from mammosim.cohort.cluster import (
     local_client,
@@ -38,6 +38,9 @@ POLL_S = 0.5
 
 MEND_S = 10.0
 """Between two looks for local workers that are gone, s."""
+
+FETCH_S = 10.0
+"""For an outcome that is there to arrive, s; its worker may be gone by then."""
 
 NOTE_S = 5.0
 """Between two notes of the progress in the cohort's folder, s."""
@@ -204,9 +207,13 @@ class _Work:
         return [(self._running.pop(future), future) for future in done]
 
     def _outcome(self, index: int, future: Future) -> Outcome | None:
-        """What came of a patient; None where it is begun again."""
+        """What came of a patient; None where that is not known, or it is begun again."""
         if future.status == "finished":
-            outcome: Outcome = future.result()
+            try:
+                outcome: Outcome = future.result(timeout=FETCH_S)
+            except (OSError, CancelledError):  # lost on its way; its state tells at the next turn
+                self._running[future] = index
+                return None
             return outcome
         if future.status != "error":  # cancelled or lost with its scheduler
             self._again.append(index)
