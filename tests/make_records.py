@@ -121,6 +121,7 @@ def _target(number, name, kind, place, volume, view, gantry) -> Target:
         number, name, kind, view.folder, volume, *map(float, place), "1:30", 21.5, 9.25,
         *map(float, after), *map(float, SHIFT_MM), float(np.linalg.norm(SHIFT_MM)),
         0.98, 1.12, 0.71, float(row), float(column), 24.125, in_field,
+        extent_mm=2.0 * (0.75 * volume / np.pi) ** (1 / 3) + 2.0,
     )  # fmt: skip
 
 

@@ -67,6 +67,7 @@ COLUMNS = [
     "ellipsoid_long_mm",
     "ellipsoid_middle_mm",
     "ellipsoid_short_mm",
+    "extent_mm",
 ]
 
 

@@ -19,6 +19,7 @@ from mammosim.geometry import View
 from mammosim.report import ReportedView, ReportSettings, render_report, run_record
 from mammosim.report.crop import Crop, common_crops
 from mammosim.report.figures import convergence_svg, picture_data_uri
+from mammosim.report.hanging import hanging
 from mammosim.report.markers import Marker, markers, shift_arrows
 
 VOID = {"meta", "br", "link", "img", "hr", "input", "area", "base", "col", "embed", "source"}
@@ -140,8 +141,7 @@ def test_each_lesion_is_marked_where_its_target_projects():
             # SVG counts from the first pixel's corner, the table from its centre.
             assert (mark.x - 0.5, mark.y - 0.5) == (target.image_col_px, target.image_row_px)
             assert mark.text == str(target.target_id)
-            radius_mm = (3 * target.volume_mm3 / (4 * np.pi)) ** (1 / 3)
-            assert mark.radius * gantry.pixel_mm > radius_mm
+            assert 2.0 * mark.radius * gantry.pixel_mm > target.extent_mm
 
 
 def test_marks_are_in_the_page_at_those_places(record):
@@ -154,21 +154,27 @@ def test_marks_are_in_the_page_at_those_places(record):
         assert any(np.hypot(x - at[0], y - at[1]) < 0.08 for x, y in circles)
 
 
-def test_text_stands_towards_the_nipple_unless_the_picture_ends_there():
-    left, right = (
-        {mark.name: mark for mark in markers(make_targets(view), make_gantry(view))}
-        for view in (View("CC", "L"), View("CC", "R"))
-    )
-    assert left["mass 1"].anchor == "start"
-    assert right["mass 1"].anchor == "end"
-    edge = dataclasses.replace(make_targets(View("CC", "L"))[0], image_col_px=118.0)
-    assert markers([edge], make_gantry(View("CC", "L")))[0].anchor == "end"
+def numbers_of(view, targets):
+    """The numbers of a view's picture, by the target's name."""
+    (row,) = hanging(views_of(view), targets, ReportSettings())
+    return {mark.name: label for mark, label in row["single"][0].marks}
+
+
+def test_a_number_stands_towards_the_nipple_unless_the_picture_ends_there():
+    for view, towards in ((View("CC", "L"), 1.0), (View("CC", "R"), -1.0)):
+        mass, calcs = make_targets(view)[:2]
+        assert numbers_of(view, [calcs])["calcs"].x * towards > 0.0
+        edge = 118.0 if towards > 0.0 else 1.0
+        at_edge = dataclasses.replace(mass, image_col_px=edge)
+        assert numbers_of(view, [at_edge])["mass 1"].x * towards <= 0.0
 
 
 def test_the_lesion_table_says_where_and_how_far(record):
     text = Page(render_report(views_of(*LEFT), targets_of(*LEFT), record)).words
-    assert "1 mass 1 Mass 12.0 1:30 21.5 9.2 5.1 24.1 5.1 24.1" in text
-    assert "4 axillary tail Landmark – 1:30 21.5 9.2 5.1 not in picture" in text
+    assert "1 mass 1 Mass 12.0 14.0 1:30 21.5 9.2 5.1 24.1 5.1 24.1" in text
+    # The ball of the grains' volume says nothing of a group: its extent does.
+    assert "2 calcs Calcifications – 8.0 1:30" in text
+    assert "4 axillary tail Landmark – – 1:30 21.5 9.2 5.1 not in picture" in text
     assert "Not in this picture: 4 axillary tail" in text
 
 
@@ -322,7 +328,7 @@ def test_a_crop_keeps_within_the_image_and_marks_within_the_crop():
     view = View("CC", "L")
     high = in_air(view, slice(0, 40), slice(0, 30))
     assert common_crops([high], [[]]) == [Crop(0, 0, 100, 60)]
-    mark = Marker("1", "far", "mass", x=80.0, y=200.0, radius=5.0, text_x=90.0, anchor="start")
+    mark = Marker("1", "far", "mass", x=80.0, y=200.0, radius=5.0)
     (crop,) = common_crops([high], [[mark]])
     assert crop.top <= 200 < crop.top + crop.rows
     assert crop.left <= 80 < crop.left + crop.columns

@@ -77,7 +77,7 @@ def test_drawings_show_the_breast_before_and_after():
         np.ptp(np.flatnonzero((image > 40).any(axis=0))) * PIXEL_MM for image in (first, last)
     ]
     assert widths[1] / widths[0] == pytest.approx(1.1, abs=0.06)
-    assert sagittal.targets[0].number == "1"
+    assert sagittal.targets[0].label.text == "1"
 
 
 def test_targets_are_drawn_where_the_table_has_them():
@@ -88,7 +88,7 @@ def test_targets_are_drawn_where_the_table_has_them():
             there = drawing.plane.project(target.place_mm + target.shift_vector_mm)
             assert (moved.x, moved.y) == pytest.approx(tuple(here))
             assert (moved.to_x, moved.to_y) == pytest.approx(tuple(there))
-    assert drawing.targets[-1].number == "N"
+    assert drawing.targets[-1].label.text == "N"
 
 
 def test_gland_is_brighter_than_fat():

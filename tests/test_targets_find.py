@@ -232,3 +232,24 @@ def test_lesions_that_touch_are_named():
     breast.labels[breast.labels == LESION] = 1  # what has no voxels touches nothing
     assert touching_lesions(breast) == ()
     assert touching_lesions(phantom(np.ones((3, 3, 3), np.uint8))) == ()
+
+
+def test_the_extent_is_the_largest_distance_across_a_lesion():
+    """Against all pairs, on shapes with and without a volume; and of a group, from end to end."""
+    rng = np.random.default_rng(4)
+    solid, flat = rng.normal(size=(300, 3)) * [5.0, 2.0, 1.0], rng.normal(size=(40, 3)) * [1, 1, 0]
+    shapes = [
+        solid,
+        flat,
+        np.array([[1.0, 2.0, 3.0]]),
+        np.array([[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]]),
+    ]
+    for points in shapes:
+        apart = np.linalg.norm(points[:, None] - points[None], axis=2).max()
+        assert origins.largest_distance(points) == pytest.approx(apart)
+    assert np.isnan(origins.largest_distance(np.empty((0, 3))))
+    breast = half_ball(np.array([20.0, 0.0, 0.0]), "L")
+    ball, seed, _ = origins.target_origins(breast)
+    assert ball.extent_mm == pytest.approx(8.0, abs=VOXEL_MM)
+    assert np.isnan(seed.extent_mm)
+    assert targets_of(breast, "CC")[0][0].extent_mm == ball.extent_mm

@@ -5,16 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
 from mammosim.geometry import View
 from mammosim.report.crop import Crop, common_crops
 from mammosim.report.figures import picture_data_uri
+from mammosim.report.labels import Label, Marked, place_labels, sampled
 from mammosim.report.markers import Marker, markers
 from mammosim.report.settings import ReportSettings
 from mammosim.targets import Target
 
 _BAR_MM = 20.0
+_FONTS = 36.0  # sizes of the numbers' font in the height of a picture
+_SMALL = 0.75  # of that size: the nipple's letter
+_NAME_FONTS, _BAR_FONTS = (7.0, 2.2), 2.6  # room for the view's name, and height of the scale bar's
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +55,14 @@ class Picture:
         The picture itself; empty where there is none.
     crop : Crop
         Which part of the image it shows.
-    marks : list of Marker
+    marks : list of (Marker, Label)
         In pixels of the whole image.
     outside : list of Target
         Targets that do not lie in the picture.
     two_cm_px : float
         Length of the scale bar.
+    font_px : float
+        Size of the numbers' font.
     """
 
     name: str
@@ -63,9 +71,10 @@ class Picture:
     alt: str
     uri: str
     crop: Crop
-    marks: list[Marker]
+    marks: list[tuple[Marker, Label]]
     outside: list[Target]
     two_cm_px: float
+    font_px: float
 
 
 def hanging(
@@ -117,11 +126,12 @@ def _picture(
     name, mammogram = view.squeezed.view.folder, view.mammogram
     technique = [f"{view.squeezed.thickness_mm:.1f} mm"]
     if not mammogram:
-        return Picture(name, name[0], technique[0], "", "", crop, [], [], 0.0)
+        return Picture(name, name[0], technique[0], "", "", crop, [], [], 0.0, 0.0)
     technique += [f"{mammogram.kvp:g} kV {mammogram.target}/{mammogram.filter}",
                   f"{mammogram.mas:.0f} mAs", f"{mammogram.dose_mgy:.2f} mGy"]  # fmt: skip
     shown = [target.name for target in here if target.in_field and is_lesion(target)]
     lesions = ", ".join(shown) or "no lesion"
+    bar_px, marks = _BAR_MM / mammogram.gantry.pixel_mm, markers(here, mammogram.gantry)
     return Picture(
         name=name,
         side=name[0],
@@ -129,10 +139,35 @@ def _picture(
         alt=f"Simulated mammogram {name}, showing {lesions}.",
         uri=picture_data_uri(mammogram, crop, settings.picture_rows),
         crop=crop,
-        marks=markers(here, mammogram.gantry),
+        marks=list(zip(marks, _labels(marks, crop, name[0], bar_px), strict=True)),
         outside=[target for target in here if not target.in_field],
-        two_cm_px=_BAR_MM / mammogram.gantry.pixel_mm,
+        two_cm_px=bar_px,
+        font_px=crop.rows / _FONTS,
     )
+
+
+def _labels(marks: Sequence[Marker], crop: Crop, side: str, bar_px: float) -> list[Label]:
+    """Numbers of the marks: towards the nipple, where a breast has least, unless it is full."""
+    font = crop.rows / _FONTS
+    arrows = [
+        sampled((mark.from_x, mark.from_y), (mark.x, mark.y), font) for mark in marks if mark.arrow
+    ]
+    box = (float(crop.left), float(crop.top), float(crop.columns), float(crop.rows))
+    towards = 1.0 if side == "L" else -1.0
+    anterior = crop.left + crop.columns * (0.5 + 0.5 * towards)
+    width, height = _NAME_FONTS[0] * font, _NAME_FONTS[1] * font
+    bar = (1.1 * bar_px, _BAR_FONTS * font)
+    corners = [
+        (anterior - towards * 0.5 * width, crop.top + 0.5 * height, width, height),
+        (anterior - towards * 0.5 * bar[0], crop.top + crop.rows - 0.5 * bar[1], *bar),
+    ]
+    return place_labels(
+        Marked([[(mark.x, mark.y) for mark in marks]], [mark.filled for mark in marks], box,
+               np.concatenate(arrows) if arrows else (), corners),
+        [mark.text for mark in marks],
+        [font * (_SMALL if mark.kind == "nipple" else 1.0) for mark in marks],
+        (towards, 0.0),
+    )  # fmt: skip
 
 
 def targets_of(view: View, targets: Sequence[Target]) -> list[Target]:

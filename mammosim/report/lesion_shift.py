@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,10 +67,22 @@ def _frames(drawing: Drawing) -> dict[str, Any]:
     return {
         "name": drawing.plane.name,
         "caption": drawing.plane.caption,
-        "box": [round(v, 2) for v in (drawing.left, drawing.top, drawing.width, drawing.height)],
+        "box": _rounded((drawing.left, drawing.top, drawing.width, drawing.height)),
+        "dot": round(drawing.dot_mm, 2),
         "frames": list(drawing.frames),
         "targets": [
-            [t.number, t.name, t.kind, *(round(v, 2) for v in (t.x, t.y, t.to_x, t.to_y))]
+            [
+                t.label.text,
+                t.name,
+                t.kind,
+                *_rounded((t.x, t.y, t.to_x, t.to_y)),
+                _rounded((t.label.x, t.label.y, t.label.size)),
+                _rounded(t.label.lead),
+            ]
             for t in drawing.targets
         ],
     }
+
+
+def _rounded(values: Iterable[float]) -> list[float]:
+    return [round(value, 2) for value in values]

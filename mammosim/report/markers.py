@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.geometry import Gantry
+from mammosim.report.labels import Label, Marked, place_labels, sampled
 from mammosim.targets import Target
 
 _LEAST_RADIUS_MM = 5.0  # a circle smaller than a fingertip is overlooked
 _MARGIN_MM = 2.0  # the circle must not hide the lesion's edge
 _RING_MM = 20.0  # rings of the frontal drawing
+_HOUR_FONT, _DOT_FONT, _DOT_RADIUS = 1 / 15, 0.06, 0.02  # of half its side
 
 
 @dataclass(frozen=True)
@@ -30,10 +32,6 @@ class Marker:
     x, y : float
         Centre; the middle of the first pixel is at 0.5.
     radius : float
-    text_x : float
-        Where the text begins or ends.
-    anchor : {"start", "end"}
-        Whether the text begins or ends there.
     from_x, from_y : float
         Where the target would have appeared on this detector without compression.
     """
@@ -44,8 +42,6 @@ class Marker:
     x: float
     y: float
     radius: float
-    text_x: float
-    anchor: str
     from_x: float = math.nan
     from_y: float = math.nan
 
@@ -53,6 +49,11 @@ class Marker:
     def arrow(self) -> bool:
         """Whether compression moved the mark by more than its own circle."""
         return math.hypot(self.x - self.from_x, self.y - self.from_y) > self.radius
+
+    @property
+    def filled(self) -> float:
+        """Radius of what is drawn: a circle, or a cross half as wide."""
+        return 0.5 * self.radius if self.kind in ("nipple", "landmark") else self.radius
 
 
 def markers(targets: Sequence[Target], gantry: Gantry) -> list[Marker]:
@@ -73,31 +74,24 @@ def markers(targets: Sequence[Target], gantry: Gantry) -> list[Marker]:
 
 def _marker(target: Target, gantry: Gantry) -> Marker:
     x, y = target.image_col_px + 0.5, target.image_row_px + 0.5
-    radius = _radius_mm(target.volume_mm3) / gantry.pixel_mm
-    # Beside the mark towards the nipple, where a breast has least; back where the picture ends.
-    left_breast = gantry.view.laterality == "L"
     row, column = gantry.project(gantry.gantry_from_breast(target.place_mm)).tolist()
-    rightwards = x + radius * 3.0 < gantry.columns if left_breast else x - radius * 3.0 < 0.0
     return Marker(
         text="N" if target.kind == "nipple" else str(target.target_id),
         name=target.name,
         kind=target.kind,
         x=x,
         y=y,
-        radius=radius,
-        text_x=x + radius * 1.25 if rightwards else x - radius * 1.25,
-        anchor="start" if rightwards else "end",
+        radius=_radius_mm(target) / gantry.pixel_mm,
         from_x=column + 0.5,
         from_y=row + 0.5,
     )
 
 
-def _radius_mm(volume_mm3: float) -> float:
-    """Radius of a circle around a lesion: the sphere of its volume and a margin."""
-    if not math.isfinite(volume_mm3):
+def _radius_mm(target: Target) -> float:
+    """Radius of a circle around a lesion: half its extent and a margin."""
+    if not math.isfinite(target.extent_mm):
         return _LEAST_RADIUS_MM
-    sphere = (3.0 * max(volume_mm3, 0.0) / (4.0 * math.pi)) ** (1.0 / 3.0)
-    return max(_LEAST_RADIUS_MM, sphere + _MARGIN_MM)
+    return max(_LEAST_RADIUS_MM, 0.5 * target.extent_mm + _MARGIN_MM)
 
 
 def shift_arrows(
@@ -116,8 +110,9 @@ def shift_arrows(
     -------
     dict
         `extent` (half side of the square, mm), `rings` (radii, mm), `dots` (target id, name, x,
-        y) and `arrows` (view's number, view, x, y, dx, dy), in mm from the nipple; x towards the
-        patient's left, which is the viewer's right, and y **down**, as in SVG.
+        y), their `labels`, and `arrows` (view's number, view, x, y, dx, dy), in mm from the
+        nipple; x towards the patient's left, which is the viewer's right, and y **down**, as in
+        SVG.
     """
     _, nipple_y, nipple_z = (float(value) for value in nipple_mm)
     dots: dict[int, tuple[int, str, float, float]] = {}
@@ -130,10 +125,29 @@ def shift_arrows(
     reach = [math.hypot(x, y) for *_, x, y in dots.values()]
     reach += [math.hypot(x + dx, y + dy) for *_, x, y, dx, dy in arrows]
     count = max(2, math.ceil(max(reach, default=0.0) / _RING_MM))
+    extent = count * _RING_MM + 8.0
     return {
-        "extent": count * _RING_MM + 8.0,
+        "extent": extent,
         "rings": [_RING_MM * (ring + 1) for ring in range(count)],
         "dots": list(dots.values()),
+        "labels": _frontal_labels(list(dots.values()), arrows, extent),
         "arrows": arrows,
         "views": list(rows),
     }
+
+
+def _frontal_labels(
+    dots: Sequence[tuple[int, str, float, float]],
+    arrows: Sequence[tuple[int, str, float, float, float, float]],
+    extent: float,
+) -> list[Label]:
+    """Numbers of the dots of the frontal drawing: to the upper left, unless it is full there."""
+    font = _DOT_FONT * extent
+    ways = [sampled((x, y), (x + dx, y + dy), font) for *_, x, y, dx, dy in arrows]
+    hour = 1.5 * _HOUR_FONT * extent
+    hours = [(x * (extent - 0.5 * hour), y * (extent - 0.5 * hour), hour, hour)
+             for x, y in ((0, -1), (1, 0), (0, 1), (-1, 0))]  # fmt: skip
+    box = (-extent, -extent, 2.0 * extent, 2.0 * extent)
+    marked = Marked([[dot[2:] for dot in dots]], [_DOT_RADIUS * extent] * len(dots), box,
+                    np.concatenate(ways), hours)  # fmt: skip
+    return place_labels(marked, [str(dot[0]) for dot in dots], [font] * len(dots), (-1.0, -0.7))

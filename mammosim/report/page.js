@@ -19,29 +19,34 @@
     holder.replaceChildren();
     planes = data.views[$("shift-view").value].planes.map((plane) => {
       const [left, top, width, height] = plane.box;
-      const size = height / 22;
       const figure = document.createElement("figure");
       figure.className = "plane";
       const svg = make("svg", { viewBox: plane.box.join(" "), role: "img",
         "aria-label": `Breast seen through ${plane.caption}, as far compressed as the slider says` });
       const image = make("image", { x: left, y: top, width, height, preserveAspectRatio: "none" });
       svg.append(image);
-      const marks = plane.targets.map(([number, name, kind, x, y, toX, toY]) => {
+      const marks = plane.targets.map(([number, name, kind, x, y, toX, toY, label, lead]) => {
+        const [besideX, besideY, size] = label;
         const group = make("g", { class: `moved ${kind}`, "data-target": number });
         const title = make("title", {});
         title.textContent = `${number}: ${name}`;
         const way = make("path", { class: "way", d: `M${x} ${y}L${toX} ${toY}` });
-        const dot = make("circle", { r: size * 0.32 });
-        const text = make("text", { "font-size": size });
+        const dot = make("circle", { r: plane.dot });
+        const text = make("text", { "font-size": size, "text-anchor": "middle" });
+        const line = make("path", { class: "lead" });
         text.textContent = number;
-        group.append(title, way, dot, text);
+        group.append(title, way, line, dot, text);
         svg.append(group);
         return (share) => {
           const atX = x + share * (toX - x), atY = y + share * (toY - y);
           dot.setAttribute("cx", atX);
           dot.setAttribute("cy", atY);
-          text.setAttribute("x", atX + size * 0.55);
-          text.setAttribute("y", atY - size * 0.3);
+          text.setAttribute("x", atX + besideX);
+          text.setAttribute("y", atY + besideY);
+          if (lead.length) {
+            const [fromX, fromY, endX, endY] = lead;
+            line.setAttribute("d", `M${atX + fromX} ${atY + fromY}L${atX + endX} ${atY + endY}`);
+          }
         };
       });
       const caption = document.createElement("figcaption");

@@ -161,13 +161,16 @@ def _lesion(side: str, of_view: Mapping[str, Target]) -> dict[str, Any]:
         "number": f"{side} {first.target_id}".strip(),
         "first": first,
         "kind": _KINDS.get(first.kind, first.kind),
-        "diameter_mm": _sphere_diameter_mm(first.volume_mm3),
+        "diameter_mm": _ball_diameter_mm(first),
         "of_view": of_view,
     }
 
 
-def _sphere_diameter_mm(volume_mm3: float) -> float:
-    return (6.0 * volume_mm3 / math.pi) ** (1.0 / 3.0) if volume_mm3 > 0.0 else math.nan
+def _ball_diameter_mm(target: Target) -> float:
+    """Of the ball of a lesion's volume; NaN for a group of calcifications, which is none."""
+    if target.kind == "calcification" or not target.volume_mm3 > 0.0:
+        return math.nan
+    return (6.0 * target.volume_mm3 / math.pi) ** (1.0 / 3.0)
 
 
 def _shift_views(views: Sequence[ReportedView], targets: Sequence[Target]) -> list[dict[str, Any]]:

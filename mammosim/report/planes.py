@@ -12,6 +12,7 @@ from scipy import ndimage
 from mammosim.compression import CompressedBreast
 from mammosim.phantom import BreastPhantom
 from mammosim.report.figures import jpeg_data_uri
+from mammosim.report.labels import Label, Marked, place_labels, sampled
 from mammosim.targets import Target
 from mammosim.tissues import TISSUES
 
@@ -28,6 +29,9 @@ FRAMES = 9
 """Pictures from uncompressed to compressed, both ends included."""
 
 MARGIN_MM = 6.0
+
+_FONTS = 22.0  # sizes of the numbers' font in the height of a drawing
+_DOT_FONTS = 0.32  # radius of a target's dot in that size
 
 _FAT_SHARE = 0.1  # of the brightness of gland, a length; only shape and gland are to be seen
 _BRIGHTEST = 0.995  # quantile of the pixels with tissue that is shown white
@@ -68,9 +72,9 @@ PLANES = (
 
 @dataclass(frozen=True)
 class Moved:
-    """A target in one drawing: where it was and where it is, mm."""
+    """A target in one drawing: where it was and where it is, mm, and its number beside it."""
 
-    number: str
+    label: Label
     name: str
     kind: str
     x: float
@@ -100,6 +104,11 @@ class Drawing:
     height: float
     frames: tuple[str, ...]
     targets: tuple[Moved, ...]
+
+    @property
+    def dot_mm(self) -> float:
+        """Radius of a target's dot."""
+        return _DOT_FONTS * self.height / _FONTS
 
 
 def drawings(squeezed: CompressedBreast, targets: Sequence[Target]) -> list[Drawing]:
@@ -161,11 +170,9 @@ def _drawing(
         if not frames:
             brightest = float(np.quantile(image[image > 0.0], _BRIGHTEST))
         frames.append(_uri(image / brightest))
-    width, height = (size * PIXEL_MM).tolist()
-    return Drawing(
-        plane, float(low[0]), float(low[1]), width, height, tuple(frames),
-        tuple(_moved(plane, target) for target in targets),
-    )  # fmt: skip
+    (left, top), (width, height) = low.tolist(), (size * PIXEL_MM).tolist()
+    box = (left, top, width, height)
+    return Drawing(plane, *box, tuple(frames), tuple(_moved(plane, targets, box)))
 
 
 def _splatted(
@@ -190,8 +197,21 @@ def _uri(image: NDArray[np.float64]) -> str:
     return jpeg_data_uri(grey)
 
 
-def _moved(plane: Plane, target: Target) -> Moved:
-    x, y = plane.project(target.place_mm).tolist()
-    to_x, to_y = plane.project(target.place_mm + target.shift_vector_mm).tolist()
-    number = "N" if target.kind == "nipple" else str(target.target_id)
-    return Moved(number, target.name, target.kind, x, y, to_x, to_y)
+def _moved(
+    plane: Plane, targets: Sequence[Target], box: tuple[float, float, float, float]
+) -> list[Moved]:
+    """The targets with their numbers, which stand clear all along the targets' way."""
+    start = plane.project(np.array([target.place_mm for target in targets]).reshape(-1, 3))
+    shift = plane.project(np.array([target.shift_vector_mm for target in targets]).reshape(-1, 3))
+    font = box[3] / _FONTS
+    ways = [sampled(here, here + by, font) for here, by in zip(start, shift, strict=True)]
+    shares = np.linspace(0.0, 1.0, FRAMES)[:, None, None]
+    texts = ["N" if target.kind == "nipple" else str(target.target_id) for target in targets]
+    marked = Marked(start + shares * shift, [_DOT_FONTS * font] * len(texts), box,
+                    [np.concatenate(ways)] * FRAMES if ways else ())  # fmt: skip
+    labels = place_labels(marked, texts, [font] * len(texts), (1.0, -0.5))
+    ends = np.concatenate([start, start + shift], axis=1).tolist()
+    return [
+        Moved(label, target.name, target.kind, *end)
+        for label, target, end in zip(labels, targets, ends, strict=True)
+    ]

@@ -80,6 +80,7 @@ def _target(
         **_along_and_across(shift_mm, squeezed),
         contrast=seen.contrast if seen else math.nan,
         sdnr=seen.sdnr if seen else math.nan,
+        extent_mm=origin.extent_mm,
     )
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +32,9 @@ class Origin:
         0 for a point.
     label : int
         Of a lesion's voxels, 0 for a point.
+    extent_mm : float
+        Largest distance between the centres of two of a lesion's voxels plus the edge of one;
+        NaN for a point.
     """
 
     name: str
@@ -38,6 +43,7 @@ class Origin:
     points_mm: NDArray[np.float64]
     volume_mm3: float = 0.0
     label: int = 0
+    extent_mm: float = math.nan
 
 
 def target_origins(phantom: BreastPhantom) -> list[Origin]:
@@ -51,17 +57,38 @@ def mean_shift_mm(field: DisplacementField, origin: Origin) -> NDArray[np.float6
     return shift
 
 
+def largest_distance(points: NDArray[np.float64]) -> float:
+    """Largest distance between two of the points (n, 3); NaN without any.
+
+    From the foremost point in each of 26 directions to the farthest from it, and on from there
+    while that grows: exact but for shapes made to deceive it, with no n x n distances.
+    """
+    if not len(points):
+        return math.nan
+    length = 0.0
+    for direction in product((-1.0, 0.0, 1.0), repeat=3):
+        here = points[np.argmax(points @ np.array(direction))]
+        while True:
+            away = np.linalg.norm(points - here, axis=1)
+            farthest = int(np.argmax(away))
+            if away[farthest] <= length:
+                break
+            length, here = float(away[farthest]), points[farthest]
+    return length
+
+
 def _lesions(phantom: BreastPhantom) -> list[Origin]:
     origins = []
     voxels = lesion_voxels(phantom)
     for lesion in phantom.lesions:
         points = phantom.frame.position_mm(voxels[lesion.label])
+        extent_mm = largest_distance(points) + float(phantom.voxel_mm.mean())
         # A lesion whose voxels were overwritten by another is followed as the point it was.
         points = points if len(points) else np.atleast_2d(lesion.position_mm)
         some = np.linspace(0, len(points) - 1, min(len(points), MOST_VOXELS)).round().astype(int)
         origins.append(
             Origin(lesion.name, lesion.kind, points.mean(axis=0), points[some],
-                    lesion.volume_mm3, lesion.label)
+                    lesion.volume_mm3, lesion.label, extent_mm)
         )  # fmt: skip
     return origins
 

@@ -20,7 +20,7 @@ class Target:
     from 0, whole numbers at pixel centres. `moved_x_mm ...` is the compressed place in the breast
     frame, `gantry_x_mm ...` the uncompressed one in the gantry frame. What stands from there on may
     be unknown (NaN), as the contrast of a landmark; `ellipsoid_..._mm` are semi-axes and need
-    `targets.uncertainty`.
+    `targets.uncertainty`; `extent_mm` is the largest distance across the uncompressed lesion.
     """
 
     target_id: int
@@ -62,6 +62,7 @@ class Target:
     ellipsoid_long_mm: float = math.nan
     ellipsoid_middle_mm: float = math.nan
     ellipsoid_short_mm: float = math.nan
+    extent_mm: float = math.nan
 
     @property
     def place_mm(self) -> NDArray[np.float64]:
