@@ -1,10 +1,11 @@
 """Nothing is lost: a cohort disturbed in every way, compared byte by byte with one left in peace.
 
-    python benchmarks/nothing_lost.py [--patients 20] [--kills 20]
+    python benchmarks/nothing_lost.py [--patients 20] [--kills 20] [--model hyperelastic]
 
-In turn: workers killed (SIGKILL) at random moments, the command itself killed and resumed, the
-scheduler killed, a second run on the same folder, and (where a small file system may be mounted) a
+In turn: workers killed (SIGKILL) at random moments, the command itself killed and resumed,
+schedulers killed, a second run on the same folder, and (where a small file system may be mounted) a
 disk that is full until it is made larger. Patients are small; what is tested is not their physics.
+A traceback in what a command printed is a failure too.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 
 import psutil
@@ -52,10 +54,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--patients", type=int, default=20)
     parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--model", choices=["springs", "hyperelastic"], default="springs")
     wanted = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        values = {**COHORT, "cohort": {**COHORT["cohort"], "patients": wanted.patients}}
+        values = {**COHORT, "cohort": {**COHORT["cohort"], "patients": wanted.patients},
+                  "compression": {**COHORT["compression"], "model": wanted.model}}  # fmt: skip
         write_yaml(values, folder / "cohort.yaml")
         peace = folder / "peace"
         start = time.monotonic()
@@ -79,6 +83,9 @@ def main() -> None:
                 names = expected.keys() | found.keys()
                 print([n for n in sorted(names) if expected.get(n) != found.get(n)])
                 sys.exit(1)
+            if "Traceback" in (printed := (folder / f"{output.name}.log").read_text()):
+                print(printed)
+                sys.exit(1)
 
 
 def killed_workers(folder: Path, kills: int) -> tuple[str, Path]:
@@ -88,8 +95,7 @@ def killed_workers(folder: Path, kills: int) -> tuple[str, Path]:
     moments = []
     while done < kills:
         if command.poll() is not None:  # all done before enough were killed: some once more
-            for record in sorted(output.glob("patients/*/run.json"))[: kills - done]:
-                record.unlink()
+            undo(output, kills - done)
             starts += 1
             command = run(folder, output, "--workers", "2", "--resume")
         time.sleep(rng.uniform(0.0, LONGEST_PAUSE_S))
@@ -124,33 +130,49 @@ def killed_command(folder: Path, kills: int) -> tuple[str, Path]:
 
 
 def killed_scheduler(folder: Path, kills: int) -> tuple[str, Path]:
-    """SIGKILL to a scheduler that the cohort was given, then workers of its own."""
-    output, note = folder / "scheduler", folder / "scheduler.json"
-    words = [sys.executable, "-m"]
+    """SIGKILL to schedulers that the cohort was given, about when a patient is done."""
+    output, rng, statuses = folder / "scheduler", random.Random(3), Counter()
+    for _ in range(kills):
+        if finished(output) >= len(list(output.glob("patients/*"))):
+            undo(output, 5)
+        processes, address = start_cluster(folder)
+        command = run(folder, output, "--scheduler", address, "--resume")
+        before = finished(output)
+        while command.poll() is None and finished(output) <= before:
+            time.sleep(0.01)
+        time.sleep(rng.choice([0.0, rng.uniform(0.0, 0.2), rng.uniform(0.0, 2.0)]))
+        processes[0].kill()
+        command.wait(MOST_SECONDS)
+        statuses[command.returncode] += 1
+        for process in processes:
+            process.kill()
+            process.wait()
+    run(folder, output, "--resume").wait(MOST_SECONDS)
+    return f"{kills} schedulers killed, exit statuses {dict(statuses)}", output
+
+
+def start_cluster(folder: Path) -> tuple[list[subprocess.Popen[bytes]], str]:
+    """A scheduler and two workers, and the scheduler's address."""
+    note = folder / "scheduler.json"
+    note.unlink(missing_ok=True)
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     ends = ["--scheduler-file", str(note), "--no-dashboard"]
-    scheduler = subprocess.Popen(
-        [*words, "distributed.cli.dask_scheduler", "--port", "0", *ends], **quiet
-    )
-    worker = subprocess.Popen(
-        [*words, "distributed.cli.dask_worker", "--nthreads", "1", "--nworkers", "2",
-         "--local-directory", str(folder), *ends], **quiet,
-    )  # fmt: skip
+    scheduler = ["distributed.cli.dask_scheduler", "--port", "0", *ends]
+    worker = ["distributed.cli.dask_worker", "--nthreads", "1", "--nworkers", "2",
+              "--local-directory", str(folder), *ends]  # fmt: skip
+    processes = [
+        subprocess.Popen([sys.executable, "-m", *words], **quiet) for words in (scheduler, worker)
+    ]
     while not note.exists():
         time.sleep(0.1)
     time.sleep(1.0)
-    address = json.loads(note.read_text())["address"]
-    command = run(folder, output, "--scheduler", address)
-    while command.poll() is None and finished(output) < 3:
-        time.sleep(0.1)
-    scheduler.kill()
-    command.wait(MOST_SECONDS)
-    reached, status = finished(output), command.returncode
-    for process in (scheduler, worker):
-        process.kill()
-        process.wait()
-    run(folder, output, "--resume").wait(MOST_SECONDS)
-    return f"the scheduler killed with {reached} patients done, exit status {status}", output
+    return processes, json.loads(note.read_text())["address"]
+
+
+def undo(output: Path, count: int) -> None:
+    """Patients that are done, made undone."""
+    for record in sorted(output.glob("patients/*/run.json"))[:count]:
+        record.unlink()
 
 
 def two_runs(folder: Path, kills: int) -> tuple[str, Path]:
@@ -185,7 +207,7 @@ def full_disk(folder: Path, kills: int) -> tuple[str, Path | None]:
         parts = len(list(output.rglob(".part-*")))
         subprocess.run(["mount", "-o", "remount,size=2G", str(disk)], check=True)
         run(folder, output, "--workers", "2", "--resume").wait(MOST_SECONDS)
-        kept = folder / "full"
+        kept = folder / output.name
         subprocess.run(["cp", "-a", str(output), str(kept)], check=True)
     finally:
         subprocess.run(["umount", str(disk)], check=False)

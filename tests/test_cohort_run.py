@@ -79,8 +79,9 @@ def task(description: Path, folder: Path, index: int, threads: int = 1, **change
     cohort = load_cohort(description)
     given = {
         "index": index, "values": cohort.values_of(index), "base": str(cohort.folder),
-        "where": cohort.where, "folder": str(patient_folder(folder, index)), "threads": threads,
-        "memory_gb": 8.0, "keep_stages": True, "dataset": DatasetSettings(),
+        "where": cohort.where, "folder": str(patient_folder(folder, index)),
+        "start": "first", "starts": 12, "threads": threads, "memory_gb": 8.0,
+        "keep_stages": True, "dataset": DatasetSettings(),
         "dataset_folder": str(folder / "dataset"),
     }  # fmt: skip
     return Patient(**(given | changes))

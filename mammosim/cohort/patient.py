@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 from mammosim.cohort.cluster import own_memory_gb
 from mammosim.cohort.dataset import write_example
 from mammosim.cohort.settings import DatasetSettings
+from mammosim.cohort.starts import STARTS, note_start
 from mammosim.errors import InputError, Interrupted, MammosimError
 from mammosim.export import write_json
 from mammosim.pipeline import (
@@ -51,6 +53,10 @@ class Patient:
         The cohort's file, for messages.
     folder : str
         The patient's own.
+    start : str
+        Name of this start of the cohort.
+    starts : int
+        How often the patient may be begun in it without getting any further.
     threads : int
         Threads that its kernels may use.
     memory_gb : float
@@ -65,6 +71,8 @@ class Patient:
     base: str
     where: str
     folder: str
+    start: str
+    starts: int
     threads: int
     memory_gb: float
     keep_stages: bool
@@ -114,6 +122,7 @@ def make_patient(patient: Patient) -> Outcome:
             with writing(folder, WAIT_S):
                 found = _make(patient, folder)
                 _unlink(folder / FAILURE)
+                _unlink(folder / STARTS)
             return Outcome(patient.index, seconds=time.perf_counter() - start, found=found)
         except Interrupted:
             raise
@@ -121,6 +130,8 @@ def make_patient(patient: Patient) -> Outcome:
             seconds = time.perf_counter() - start
             failed = Outcome(patient.index, str(error), type(error).__name__, seconds)
             note_failure(folder, failed)
+            with suppress(OSError):
+                (folder / STARTS).unlink(missing_ok=True)
             return failed
 
 
@@ -153,6 +164,7 @@ def _make(patient: Patient, folder: Path) -> bool:
             raise InputError(
                 f"{where}: needs about {needed:.3g} GB of memory, but a worker has {room:.3g} GB"
             )
+        note_start(folder, patient.start, patient.starts)
         simulate(config, RunFolder(folder, config, title=folder.name))
     if not patient.keep_stages:
         for stage in (folder / STAGES).glob("*"):

@@ -42,6 +42,9 @@ MEND_S = 10.0
 FETCH_S = 10.0
 """For an outcome that is there to arrive, s; its worker may be gone by then."""
 
+DASK_TRIES = 4
+"""Workers that a patient may kill before Dask gives it up: its `allowed-failures` and one more."""
+
 NOTE_S = 5.0
 """Between two notes of the progress in the cohort's folder, s."""
 
@@ -137,6 +140,7 @@ class _Work:
         self._begun: dict[int, int] = {}
         self._running: dict[Future, int] = {}
         self._woken = threading.Event()
+        self._name = f"{os.getpid()}-{time.time_ns()}"
         self._start, self._noted = time.monotonic(), 0.0
         self._local, self._mended = 0, time.monotonic()
 
@@ -171,7 +175,7 @@ class _Work:
             if index is None:
                 break
             self._begun[index] = self._begun.get(index, 0) + 1
-            key = f"patient-{index}-{self._begun[index]}-{os.getpid()}-{self._start}"
+            key = f"patient-{index}-{self._begun[index]}-{self._name}"
             future = self._client.submit(make_patient, self._patient(index), key=key, pure=False)
             future.add_done_callback(lambda _: self._woken.set())
             self._running[future] = index
@@ -195,7 +199,8 @@ class _Work:
         cohort, (threads, memory_gb) = self._cohort, self._share
         return Patient(
             index, cohort.values_of(index), str(cohort.folder), cohort.where,
-            str(patient_folder(self._folder, index).absolute()), threads, memory_gb,
+            str(patient_folder(self._folder, index).absolute()), self._name,
+            DASK_TRIES * cohort.settings.attempts, threads, memory_gb,
             cohort.settings.keep_stages, cohort.settings.dataset,
             str((self._folder / DATASET).absolute()),
         )  # fmt: skip

@@ -57,7 +57,8 @@ class CohortSettings(Settings):
 
     attempts: int = Field(3, ge=1, le=100)
     """How often a patient is begun whose worker dies, before it counts as failed. Dask itself
-    repeats a patient three times before it counts once."""
+    repeats a patient three times before it counts once. One that is begun four times as often
+    without finishing a stage, as where workers end too soon, has failed too."""
 
     keep_stages: bool = True
     """Keep each patient's compression, so that another acquisition does not compress again."""
