@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numba
 import numpy as np
@@ -12,9 +13,9 @@ from hypothesis import strategies as st
 from make_phantom import half_ellipsoid_breast
 from make_run import invoke, read_table, save_breast, write
 
-from mammosim.compression import CompressionSettings, SpringSample, SpringSampler, compress
-from mammosim.compression.spring_samples import stiffness_group
-from mammosim.errors import InputError
+from mammosim.compression import MODELS, CompressionSettings, Sample, Sampler, compress
+from mammosim.compression.samples import LATTICE_SHIFTS, stiffness_group
+from mammosim.errors import InputError, Interrupted
 from mammosim.phantom import Landmark
 from mammosim.pipeline import load_config
 from mammosim.targets import (
@@ -26,8 +27,14 @@ from mammosim.targets import (
 )
 from mammosim.targets.ellipsoid import prediction_ellipsoid
 
-KEYS = {"thickness_mm": 36.0, "resolution_mm": 4.0}
-
+KEYS = {
+    "springs": {"thickness_mm": 36.0, "resolution_mm": 4.0},
+    "hyperelastic": {
+        "model": "hyperelastic", "chest_wall": "sliding", "thickness_mm": 36.0,
+        "resolution_mm": 4.0,
+    },
+}  # fmt: skip
+"""How the breast is compressed, by the model."""
 
 PLACES = {"middle": (14.0, 0.0, 2.0), "up": (10.0, 4.0, 14.0), "aside": (8.0, 16.0, -6.0)}
 
@@ -47,11 +54,20 @@ def one_thread():
     numba.set_num_threads(usual)
 
 
+def make_sampler(model):
+    squeezed = compress(breast(), view="CC", **KEYS[model])
+    return Sampler(squeezed, CompressionSettings(**KEYS[model])), squeezed
+
+
+@pytest.fixture(scope="module", params=list(KEYS))
+def sampler(request):
+    """What varies a compression, by each model, and that compression."""
+    return make_sampler(request.param)
+
+
 @pytest.fixture(scope="module")
-def sampler():
-    body = breast()
-    squeezed = compress(body, view="CC", **KEYS)
-    return SpringSampler(squeezed, CompressionSettings(**KEYS)), squeezed
+def springs():
+    return make_sampler("springs")
 
 
 # The ellipsoid.
@@ -120,7 +136,9 @@ def test_draws_are_seeded_within_their_ranges_and_one_breast_is_one_breast():
 
 def test_the_sample_that_deviates_by_nothing_is_the_compression_itself(sampler):
     varied, squeezed = sampler
-    field = varied.field(SpringSample({}))
+    field = varied.field(Sample({}))
+    if squeezed.model == "hyperelastic":  # from rest, as the compression itself: bit for bit
+        np.testing.assert_array_equal(field.displacement_mm, squeezed.field.displacement_mm)
     points = squeezed.phantom.frame.position_mm(np.argwhere(squeezed.phantom.labels > 0))
     # Both are within 0.01 lattice units of 4 mm of the same equilibrium.
     np.testing.assert_allclose(
@@ -128,14 +146,19 @@ def test_the_sample_that_deviates_by_nothing_is_the_compression_itself(sampler):
     )
 
 
-def test_what_the_plates_do_is_what_the_settings_would(sampler):
+def test_a_sample_is_what_its_settings_would_give_alone(sampler):
     varied, squeezed = sampler
-    field = varied.field(SpringSample({}, thickness_mm=-4.0, height_mm=1.0, edge_mm=-1.0))
+    sample = Sample({"gland": 2.0}, thickness_mm=-4.0, height_mm=1.0, edge_mm=-1.0)
+    field = varied.field(sample)
+    moduli = CompressionSettings().moduli
+    keys = {key: value for key, value in KEYS[squeezed.model].items() if key != "thickness_mm"}
     again = compress(
-        squeezed.phantom, view="CC", resolution_mm=4.0,
-        support_z_mm=squeezed.support_z_mm + 3.0, paddle_z_mm=squeezed.paddle_z_mm - 1.0,
-        plate_edge_mm=squeezed.plate_edge_mm - 1.0,
+        squeezed.phantom, view="CC", support_z_mm=squeezed.support_z_mm + 3.0,
+        paddle_z_mm=squeezed.paddle_z_mm - 1.0, plate_edge_mm=squeezed.plate_edge_mm - 1.0,
+        stiffness_kpa={"gland": 2.0 * moduli("gland")}, **keys,
     )  # fmt: skip
+    if squeezed.model == "hyperelastic":
+        np.testing.assert_array_equal(field.displacement_mm, again.field.displacement_mm)
     points = np.array([mark.position_mm for mark in squeezed.phantom.landmarks])
     np.testing.assert_allclose(
         field.displacement_at(points), again.displacement_at(points), atol=0.08
@@ -145,21 +168,28 @@ def test_what_the_plates_do_is_what_the_settings_would(sampler):
 def test_all_moduli_together_change_nothing_one_alone_does(sampler):
     varied, squeezed = sampler
     points = np.array([mark.position_mm for mark in squeezed.phantom.landmarks])
-    nominal = varied.field(SpringSample({})).displacement_at(points)
-    together = varied.field(SpringSample(dict.fromkeys(varied.groups, 3.0)))
+    nominal = varied.field(Sample({})).displacement_at(points)
+    together = varied.field(Sample(dict.fromkeys(varied.groups, 4.0)))
     np.testing.assert_allclose(together.displacement_at(points), nominal, atol=0.08)
-    stiff = varied.field(SpringSample({"gland": 6.0})).displacement_at(points)
+    stiff = varied.field(Sample({"gland": 6.0})).displacement_at(points)
     assert np.abs(stiff - nominal).max() > 0.1
     assert varied.groups == ("adipose", "gland", "skin")
     assert stiffness_group("tdlu") == "gland"
 
 
-def test_a_sample_is_the_same_on_any_number_of_threads():
-    """On a lattice large enough for threads to be woken: 2 mm, 80 000 nodes."""
+LARGE = {
+    "springs": {"resolution_mm": 2.0},
+    "hyperelastic": {"model": "hyperelastic", "chest_wall": "sliding", "resolution_mm": 5.0},
+}
+"""Lattices large enough for threads to be woken: 80 000 nodes, and 4 000 with blocks of 126."""
+
+
+@pytest.mark.parametrize("keys", LARGE.values(), ids=list(LARGE))
+def test_a_sample_is_the_same_on_any_number_of_threads(keys):
     body = half_ellipsoid_breast(voxel_mm=2.0, semi_axes_mm=(70.0, 70.0, 60.0))
-    squeezed = compress(body, view="CC", thickness_mm=70.0, resolution_mm=2.0)
-    varied = SpringSampler(squeezed, CompressionSettings(resolution_mm=2.0), vary_lattice=False)
-    sample = SpringSample({"gland": 1.5, "skin": 0.7}, thickness_mm=3.0)
+    squeezed = compress(body, view="CC", thickness_mm=80.0, **keys)
+    varied = Sampler(squeezed, CompressionSettings(**keys))
+    sample = Sample({"gland": 1.5, "skin": 0.7}, thickness_mm=3.0, lattice=3)
     fields = []
     for threads in (1, numba.config.NUMBA_NUM_THREADS):
         numba.set_num_threads(threads)
@@ -170,7 +200,7 @@ def test_a_sample_is_the_same_on_any_number_of_threads():
 
 def test_a_sample_is_never_squeezed_flat(sampler):
     varied, squeezed = sampler
-    field = varied.field(SpringSample({}, thickness_mm=-100.0))
+    field = varied.field(Sample({}, thickness_mm=-100.0))
     points = squeezed.phantom.frame.position_mm(np.argwhere(squeezed.phantom.labels > 0))
     z = points[:, 2] + field.displacement_at(points)[:, 2]
     assert np.ptp(z[points[:, 0] > 12.0]) > 0.45 * squeezed.thickness_mm
@@ -179,8 +209,8 @@ def test_a_sample_is_never_squeezed_flat(sampler):
 # Calibration. It tests the sampling, not the physics: truths come from the same model.
 
 
-def test_truths_of_the_same_ranges_fall_into_the_ellipsoid_95_times_of_100(sampler):
-    varied, squeezed = sampler
+def test_truths_of_the_same_ranges_fall_into_the_ellipsoid_95_times_of_100(springs):
+    varied, squeezed = springs
     wanted = UncertaintySettings(samples=160)
     origins = target_origins(squeezed.phantom)
     samples = draw_samples(wanted, varied.groups, "LCC", 11)
@@ -195,13 +225,14 @@ def test_truths_of_the_same_ranges_fall_into_the_ellipsoid_95_times_of_100(sampl
     assert 0.885 <= np.mean(inside) < 1.0
 
 
-def test_rows_hold_the_samples_statistics(sampler):
-    varied, squeezed = sampler
+def test_rows_hold_the_samples_statistics(springs):
+    varied, squeezed = springs
     origins = target_origins(squeezed.phantom)
     samples = draw_samples(UncertaintySettings(samples=12), varied.groups, "LCC", 2)
-    numbers = []
-    shifts = sampled_shifts(varied, origins, samples, numbers.append)
-    assert numbers == list(range(12))
+    numbers = {}
+    shifts = sampled_shifts(varied, origins, samples, lambda n, row: numbers.update({n: row}))
+    assert list(numbers) == list(range(12))
+    assert numbers[5]["error_estimate_voxel"] <= 0.01
     shifts[3] = np.nan  # one that did not converge
     rows = uncertainties(origins, {"CC": shifts}, {"CC": np.zeros_like(shifts)})
     assert [row.name for row in rows] == ["middle", "up", "aside", "nipple"]
@@ -221,10 +252,64 @@ def test_rows_hold_the_samples_statistics(sampler):
     assert np.isnan(uncertainties(origins, {"CC": shifts}, {"CC": few})[0].miss_mean_mm)
 
 
-def test_a_sample_without_equilibrium_is_not_counted(sampler, monkeypatch):
+def test_where_nothing_varies_there_is_no_spread(sampler):
+    """The same compression every time: a covariance of exactly nothing."""
     varied, squeezed = sampler
-    monkeypatch.setattr(varied, "field", lambda sample: None)
-    shifts = sampled_shifts(varied, target_origins(squeezed.phantom), [SpringSample({})])
+    still = UncertaintySettings(stiffness_spread=0, thickness_mm=0, plate_height_mm=0,
+                                plate_edge_mm=0, lattice=False)  # fmt: skip
+    origins = target_origins(squeezed.phantom)
+    samples = draw_samples(still, varied.groups, "LCC", 4)[:5]
+    rows = uncertainties(origins, {"CC": sampled_shifts(varied, origins, samples)})
+    assert len(rows) == len(origins)
+    for row in rows:
+        spread = dataclasses.asdict(row)
+        assert {value for key, value in spread.items() if key.startswith("cov_")} == {0.0}
+        assert (row.long_mm, row.middle_mm, row.short_mm) == (0.0, 0.0, 0.0)
+
+
+def test_samples_do_not_depend_on_those_before(sampler):
+    varied, squeezed = sampler
+    origins = target_origins(squeezed.phantom)
+    samples = draw_samples(UncertaintySettings(), varied.groups, "LCC", 7)[:3]
+    shifts = sampled_shifts(varied, origins, samples)
+    assert np.isfinite(shifts).all()
+    np.testing.assert_array_equal(sampled_shifts(varied, origins, samples[::-1])[::-1], shifts)
+    assert len(np.unique(shifts[:, 0, 2])) == 3
+
+
+def test_lattices_off_their_place_hold_the_same_breast(sampler):
+    """Their surface is another staircase of 4 mm, the breast between the plates is not."""
+    varied, squeezed = sampler
+    points = np.array([mark.position_mm for mark in squeezed.phantom.landmarks])
+    nominal = squeezed.displacement_at(points)
+    for number, shift in enumerate(LATTICE_SHIFTS):
+        found = varied.compressed(Sample({}, lattice=number))
+        away = found.field.frame.origin_mm - squeezed.field.frame.origin_mm
+        assert away[1:] / 4.0 % 1.0 == pytest.approx(shift)
+        assert found.converged
+        # Half an element's edge.
+        np.testing.assert_allclose(found.displacement_at(points), nominal, atol=2.0)
+
+
+def test_a_sample_that_is_interrupted_ends_all(springs, monkeypatch):
+    varied, squeezed = springs
+    stopped = dataclasses.replace(squeezed, interrupted=True)
+    monkeypatch.setitem(MODELS, "springs", lambda *arguments, **keys: stopped)
+    with pytest.raises(Interrupted, match="LCC: a sample was interrupted"):
+        varied.field(Sample({}))
+
+
+def test_a_sample_says_how_it_deviates():
+    sample = Sample({"adipose": 0.8, "gland": 1.25}, 4.04, -3.0, 0.5, lattice=6)
+    assert str(sample) == (
+        "gap +4.0, height -3.0, edge +0.5 mm, adipose x 0.80, gland x 1.25, lattice 2"
+    )
+
+
+def test_a_sample_without_equilibrium_is_not_counted(springs, monkeypatch):
+    varied, squeezed = springs
+    monkeypatch.setattr(varied, "field", lambda sample, watch: None)
+    shifts = sampled_shifts(varied, target_origins(squeezed.phantom), [Sample({})])
     assert np.isnan(shifts).all()
 
 
@@ -260,6 +345,19 @@ def test_a_run_tells_how_sure_it_is(folder):
         assert (folder / "again" / name).read_bytes() == (folder / "out" / name).read_bytes()
 
 
+def test_a_run_by_elements_tells_how_sure_it_is(folder):
+    elements = {"model": "hyperelastic", "chest_wall": "sliding", "thickness_mm": 36}
+    path = write(folder, "elements.yaml", views=["CC"], targets={"uncertainty": {"samples": 10}},
+                 compression={**elements, "resolution_mm": 6})  # fmt: skip
+    assert invoke("check", path).exit_code == 0
+    assert invoke("run", path, "--output", folder / "elements").exit_code == 0
+    rows = read_table(folder / "elements" / "uncertainty.csv")
+    assert [(row["name"], row["samples"]) for row in rows] == [
+        ("ball", "10"), ("mark", "10"), ("nipple", "10"),
+    ]  # fmt: skip
+    assert all(0.1 < float(row["short_mm"]) <= float(row["long_mm"]) < 30.0 for row in rows)
+
+
 def test_the_plan_tells_of_samples_and_needles_before(folder):
     alone = invoke("check", write(folder, "plain.yaml"))
     targets = {"uncertainty": {"samples": 2000}, "biopsy": {"view": "ML"}}
@@ -274,19 +372,19 @@ def test_the_plan_tells_of_samples_and_needles_before(folder):
 
 
 def test_samples_that_fail_are_told(folder, monkeypatch):
-    monkeypatch.setattr(SpringSampler, "field", lambda self, sample: None)
+    monkeypatch.setattr(Sampler, "field", lambda self, sample, watch: None)
     path = write(folder, "fail.yaml", views=["CC"], targets={"uncertainty": {"samples": 10}})
     assert invoke("run", path, "--output", folder / "fail").exit_code == 0
     said = (folder / "fail" / "run.json").read_text()
-    assert "LCC: 10 of 10 samples did not converge and were left out" in said
+    assert "LCC: 10 of 10 samples did not converge and were left out: 1 (gap " in said
+    assert re.search(r"lattice \d\); and 5 more", said)
     assert not (folder / "fail" / "uncertainty.csv").exists()
 
 
 BAD = [
     ({"samples": 0}, {}, "targets.uncertainty.samples: found 0, expected greater than or equal to"),
     ({"thickness_mm": -1}, {}, "targets.uncertainty.thickness_mm: found -1"),
-    ({}, {"model": "none"}, "CC has compression.model none; only springs can be varied"),
-    ({}, {"model": "hyperelastic"}, "CC has compression.model hyperelastic; only springs"),
+    ({}, {"model": "none"}, "CC has compression.model none; only springs and hyperelastic"),
 ]
 
 

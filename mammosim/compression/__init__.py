@@ -4,8 +4,8 @@ from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.compress import MODELS, compress
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.inverse import InverseMap
+from mammosim.compression.samples import Sample, Sampler
 from mammosim.compression.settings import CompressionSettings
-from mammosim.compression.spring_samples import SpringSample, SpringSampler
 
 __all__ = [
     "MODELS",
@@ -13,7 +13,7 @@ __all__ = [
     "CompressionSettings",
     "DisplacementField",
     "InverseMap",
-    "SpringSample",
-    "SpringSampler",
+    "Sample",
+    "Sampler",
     "compress",
 ]

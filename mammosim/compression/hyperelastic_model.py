@@ -49,6 +49,7 @@ def compress_hyperelastic(
     settings: CompressionSettings,
     seed: int = 1,
     watch: Callable[[np.void], None] | None = None,
+    lattice_shift: tuple[float, float] = (0.0, 0.0),
 ) -> CompressedBreast:
     """Compress a breast as a near-incompressible neo-Hookean solid, a finite element a block.
 
@@ -61,6 +62,8 @@ def compress_hyperelastic(
         Of no effect: nothing is random.
     watch : callable, optional
         Called with each row of the history.
+    lattice_shift : tuple of float
+        By which part of the spacing the lattice lies off its usual place along y and z.
 
     Returns
     -------
@@ -74,8 +77,9 @@ def compress_hyperelastic(
     """
     reach, fixed = held_tissue(settings, breast)
     mesh = build_mesh(
-        breast, view, settings.resolution_mm, settings.moduli, settings.chest_wall, fixed
-    )
+        breast, view, settings.resolution_mm, settings.moduli, settings.chest_wall, fixed,
+        lattice_shift,
+    )  # fmt: skip
     edge = plate_edge_mm(settings, reach, fixed)
     plates, notes = place_plates(settings, breast, view, mesh.elements, edge)
     stages = Stages(mesh, edge, settings.force_tolerance, watch)

@@ -56,6 +56,7 @@ def compress_springs(
     settings: CompressionSettings,
     seed: int = 1,
     watch: Callable[[np.void], None] | None = None,
+    lattice_shift: tuple[float, float] = (0.0, 0.0),
 ) -> CompressedBreast:
     """Compress a breast as a lattice of springs.
 
@@ -68,6 +69,8 @@ def compress_springs(
         Of the visiting order of `relaxation`.
     watch : callable, optional
         Called with each row of the history.
+    lattice_shift : tuple of float
+        By which part of the spacing the lattice lies off its usual place along y and z.
 
     Returns
     -------
@@ -82,7 +85,7 @@ def compress_springs(
     """
     settings = in_millimetres(settings, breast, view)
     reach, muscle_fixed = held_tissue(settings, breast)
-    case = make_case(breast, view, settings, reach, muscle_fixed)
+    case = make_case(breast, view, settings, reach, muscle_fixed, lattice_shift)
     edge = plate_edge_mm(settings, reach, muscle_fixed)
     plates, notes = place_plates(settings, breast, view, case.lattice, edge)
 

@@ -22,6 +22,7 @@ def leave_uncompressed(
     settings: CompressionSettings,
     seed: int = 1,
     watch: Callable[[np.void], None] | None = None,
+    lattice_shift: tuple[float, float] = (0.0, 0.0),
 ) -> CompressedBreast:
     """A breast that nothing moves; the plates touch it from below and above.
 

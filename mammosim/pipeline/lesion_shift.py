@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression import CompressedBreast, CompressionSettings, SpringSampler, compress
+from mammosim.compression import CompressedBreast, CompressionSettings, Sample, Sampler, compress
 from mammosim.errors import NotConverged
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
@@ -37,6 +38,9 @@ if TYPE_CHECKING:
     from mammosim.pipeline.run import ViewResult
 
 Tell = Callable[[str, str, np.void | None], None]
+
+MOST_NAMED = 5
+"""Samples without equilibrium that a warning describes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,30 +161,47 @@ def _spread(
         tell(name, "uncertainty", None)
         label = result.squeezed.view.label
         held = _Position(result.squeezed, config.section_for(wanted[name], "compression"))
-        by_view[label] = _sampled(origins, held, name, config, notes)
+        by_view[label] = _sampled(origins, held, name, config, partial(tell, name), notes)
         if name in positions:
             position = positions[name]
             key = id(position.squeezed)
             if key not in done:
                 what = f"biopsy {position.squeezed.view.folder}"
-                done[key] = _sampled(origins, position, what, config, notes)
+                done[key] = _sampled(origins, position, what, config, partial(tell, name), notes)
             at_biopsy[label] = done[key]
     return uncertainties(origins, by_view, at_biopsy if positions else None)
 
 
 def _sampled(
-    origins: Sequence[Origin], held: _Position, what: str, config: RunConfig, notes: list[str]
+    origins: Sequence[Origin],
+    held: _Position,
+    what: str,
+    config: RunConfig,
+    tell: Callable[[str, np.void], None],
+    notes: list[str],
 ) -> NDArray[np.float64]:
     """Shift of each target in each sample of one position, [sample, target, 3], mm."""
     settings = config.targets.uncertainty or UncertaintySettings()
     if held.squeezed.model == "none":  # nothing is held, nothing varies
         return np.zeros((settings.samples, len(origins), 3))
-    sampler = SpringSampler(held.squeezed, held.settings, settings.lattice)
+    sampler = Sampler(held.squeezed, held.settings)
     samples = draw_samples(settings, sampler.groups, what, config.seed)
-    found = sampled_shifts(sampler, origins, samples)
-    lost = int(np.isnan(found).any(axis=(1, 2)).sum())
-    if lost:
-        notes.append(
-            f"{what}: {lost} of {settings.samples} samples did not converge and were left out"
-        )
+
+    def watch(number: int, row: np.void) -> None:
+        tell(f"uncertainty, sample {number + 1} of {len(samples)}", row)
+
+    found = sampled_shifts(sampler, origins, samples, watch)
+    lost = np.flatnonzero(np.isnan(found).any(axis=(1, 2)))
+    if lost.size:
+        notes.append(_left_out(what, samples, lost.tolist()))
     return found
+
+
+def _left_out(what: str, samples: Sequence[Sample], lost: Sequence[int]) -> str:
+    """One sentence that counts the samples without equilibrium and names them."""
+    named = "; ".join(f"{number + 1} ({samples[number]})" for number in lost[:MOST_NAMED])
+    more = f"; and {len(lost) - MOST_NAMED} more" if len(lost) > MOST_NAMED else ""
+    return (
+        f"{what}: {len(lost)} of {len(samples)} samples did not converge and were left out: "
+        f"{named}{more}"
+    )

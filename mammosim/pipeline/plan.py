@@ -66,7 +66,8 @@ def make_plan(config: RunConfig) -> Plan:
             lattice_bytes = nodes * BYTES_A_NODE[compression.model]
             springs = compression.model == "springs"
             seconds += nodes * SECONDS_A_NODE[compression.solver if springs else "hyperelastic"]
-            seconds += nodes * SECONDS_A_NODE["multigrid"] * _more_compressions(config)
+            again = "multigrid" if springs else "hyperelastic"
+            seconds += nodes * SECONDS_A_NODE[again] * _more_compressions(config)
         height, width = projection.detector_mm or (240.0, 180.0)
         pixels = height * width / projection.pixel_mm**2
         count = view.dbt.projections if view.dbt else 1

@@ -100,10 +100,10 @@ class RunConfig(Settings):
         if self.targets.biopsy is not None and self.targets.biopsy.view != "none":
             sections["biopsy"] = self.biopsy_section(self.views[0])[1]
         return [
-            f"targets.uncertainty: {name} has compression.model {section.model}; only springs can "
-            "be varied"
+            f"targets.uncertainty: {name} has compression.model none; only springs and "
+            "hyperelastic can be varied"
             for name, section in sections.items()
-            if section.model != "springs"
+            if section.model == "none"
         ]
 
     def section_for(self, view: ViewSettings, section: str) -> Any:

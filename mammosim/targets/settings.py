@@ -76,4 +76,5 @@ class TargetsSettings(Settings):
     """Position of the breast at biopsy; left out: no needle is aimed."""
 
     uncertainty: UncertaintySettings | None = None
-    """Variation of what is not known exactly; left out: none. Model `springs` only."""
+    """Variation of what is not known exactly; left out: none. Every view, and the biopsy where it
+    has plates, must be compressed (not model `none`)."""

@@ -6,12 +6,13 @@ import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression import SpringSample, SpringSampler
+from mammosim.compression import Sample, Sampler
 from mammosim.targets.biopsy import miss_mm
 from mammosim.targets.ellipsoid import Ellipsoid, prediction_ellipsoid, quantile
 from mammosim.targets.origins import Origin, mean_shift_mm
@@ -70,7 +71,7 @@ class ShiftUncertainty:
 
 def draw_samples(
     settings: UncertaintySettings, groups: Sequence[str], position: str, seed: int
-) -> list[SpringSample]:
+) -> list[Sample]:
     """Deviations of one position of the breast.
 
     Parameters
@@ -85,7 +86,7 @@ def draw_samples(
 
     Returns
     -------
-    list of SpringSample
+    list of Sample
         The same for the same arguments, whatever other positions there are.
     """
     count = settings.samples
@@ -96,7 +97,7 @@ def draw_samples(
     reach = (settings.thickness_mm, settings.plate_height_mm, settings.plate_edge_mm)
     plates = of_position.uniform(-1.0, 1.0, (count, 3)) * reach
     return [
-        SpringSample(
+        Sample(
             dict(zip(groups, np.exp(logs[n]).tolist(), strict=True)),
             thickness_mm=float(plates[n, 0]),
             height_mm=float(plates[n, 1]),
@@ -108,20 +109,19 @@ def draw_samples(
 
 
 def sampled_shifts(
-    sampler: SpringSampler,
+    sampler: Sampler,
     origins: Sequence[Origin],
-    samples: Sequence[SpringSample],
-    watch: Callable[[int], None] | None = None,
+    samples: Sequence[Sample],
+    watch: Callable[[int, np.void], None] | None = None,
 ) -> NDArray[np.float64]:
     """Shift of each target in each sample, [sample, target, 3], breast frame, mm.
 
-    NaN where the solver did not reach its tolerance. `watch` is told each sample's number.
+    NaN where the solver did not reach its tolerance. `watch` is told each sample's number with
+    each row of its history.
     """
     shifts = np.full((len(samples), len(origins), 3), np.nan)
     for number, sample in enumerate(samples):
-        if watch is not None:
-            watch(number)
-        field = sampler.field(sample)
+        field = sampler.field(sample, partial(watch, number) if watch else None)
         if field is not None:
             shifts[number] = [mean_shift_mm(field, origin) for origin in origins]
     return shifts

@@ -46,6 +46,7 @@ def build_mesh(
     moduli: Moduli,
     chest_wall: str,
     muscle_fixed: bool,
+    shift: tuple[float, float] = (0.0, 0.0),
 ) -> Mesh:
     """Elements of a phantom in the compression frame of a view.
 
@@ -61,13 +62,16 @@ def build_mesh(
         `sliding` holds the wall along its normal, and along y on its mid-line.
     muscle_fixed : bool
         Whether elements that are mostly muscle are held.
+    shift : tuple of float
+        By which part of an edge the elements lie off their usual place along y and z; what is held
+        on the mid-line goes with them.
 
     Raises
     ------
     InputError
         If no element touches the chest wall.
     """
-    blocks, middle = _element_frame(breast, view, resolution_mm)
+    blocks, middle = _element_frame(breast, view, resolution_mm, shift)
     fraction, modulus, muscle = gather_tissue(breast, view, blocks, moduli)
     for axis in range(3):
         np.moveaxis(fraction, axis, 0)[[0, -2, -1]] = 0.0
@@ -92,20 +96,24 @@ def build_mesh(
     )
 
 
-def _element_frame(breast: BreastPhantom, view: View, h: float) -> tuple[VoxelFrame, int]:
-    """Centres of elements that cover all tissue: from the chest wall forward, even about y and z;
-    and the y index of the nodes on the mid-line.
+def _element_frame(
+    breast: BreastPhantom, view: View, h: float, shift: tuple[float, float]
+) -> tuple[VoxelFrame, int]:
+    """Centres of elements that cover all tissue: from the chest wall forward, even about y and z
+    but for the shift; and the y index of the nodes on the mid-line.
 
     Element 0 along each axis is empty, and so are the last two. The middle of y and z is a node
     whose number is one more than a multiple of `ALIGNED`.
     """
     low, high = bounds_mm(breast, view)
-    half = np.ceil((high - low)[1:] / (2.0 * h) - 1e-6).astype(int)
-    before = -(-half // ALIGNED) * ALIGNED
+    aside = np.array(shift)
+    half = (high - low)[1:] / (2.0 * h) - 1e-6
+    before = -(-np.ceil(half + aside).astype(int) // ALIGNED) * ALIGNED
+    after = np.ceil(half - aside).astype(int)
     depth = int(np.ceil((high[0] - low[0]) / h - 1e-6))
     middle = 0.5 * (low + high)
-    origin = np.append(low[0] - 0.5 * h, middle[1:] - (before + 0.5) * h)
-    ny, nz = (int(n) for n in before + half + 3)
+    origin = np.append(low[0] - 0.5 * h, middle[1:] + (aside - before - 0.5) * h)
+    ny, nz = (int(n) for n in before + after + 3)
     return VoxelFrame(origin, np.full(3, h), (depth + 3, ny, nz)), int(before[0]) + 1
 
 

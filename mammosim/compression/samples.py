@@ -1,0 +1,168 @@
+"""The compression of one breast over and over: other moduli, other plates, another lattice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mammosim._jit import one_blas_thread
+from mammosim.compression.breast import CompressedBreast
+from mammosim.compression.compress import MODELS
+from mammosim.compression.displacement import DisplacementField
+from mammosim.compression.settings import CompressionSettings
+from mammosim.compression.thesis_units import in_millimetres
+from mammosim.errors import Interrupted
+from mammosim.phantom import BreastPhantom
+from mammosim.tissues import TISSUES
+
+SPRING_TOLERANCE = 0.01
+"""Of a sample's equilibrium by springs, lattice units: a hundredth of what samples of a 1 mm
+lattice differ by."""
+
+LATTICE_SHIFTS = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
+"""Parts of the spacing along y and z by which the lattices lie off their usual place."""
+
+THINNEST = 0.5
+"""Of the thickness that is varied: no sample is compressed further."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One sample: how it deviates from the compression that is varied.
+
+    Parameters
+    ----------
+    stiffness : mapping of str to float
+        Factor of the moduli of each group of tissues; 1 where a group is not named.
+    thickness_mm, height_mm, edge_mm : float
+        Added to the gap, to both plates' height, and to the place of their edge.
+    lattice : int
+        Number of the lattice, modulo how many there are.
+    """
+
+    stiffness: Mapping[str, float]
+    thickness_mm: float = 0.0
+    height_mm: float = 0.0
+    edge_mm: float = 0.0
+    lattice: int = 0
+
+    def __str__(self) -> str:
+        """The deviations in a few words."""
+        moduli = [f"{group} x {factor:.2f}" for group, factor in self.stiffness.items()]
+        plates = (
+            f"gap {self.thickness_mm:+.1f}, height {self.height_mm:+.1f}, "
+            f"edge {self.edge_mm:+.1f} mm"
+        )
+        return ", ".join([plates, *moduli, f"lattice {self.lattice % len(LATTICE_SHIFTS)}"])
+
+
+def stiffness_group(tissue: str) -> str:
+    """The tissue at the end of the chain of those that a tissue is like in stiffness.
+
+    Examples
+    --------
+    >>> stiffness_group("duct"), stiffness_group("skin")
+    ('gland', 'skin')
+    """
+    entry = TISSUES[tissue]
+    while entry.like is not None:
+        entry = TISSUES[entry.like]
+    return entry.name
+
+
+class Sampler:
+    """Compressions of one breast that deviate from a given one, by the same model.
+
+    Parameters
+    ----------
+    squeezed : CompressedBreast
+        The compression that is varied; its plates are where they were found to be.
+    settings : CompressionSettings
+        That it was made with; springs are solved by `multigrid` to `SPRING_TOLERANCE`, whatever
+        they say.
+
+    Attributes
+    ----------
+    groups : tuple of str
+        Groups of tissues whose stiffness can be varied: those that occur in the breast.
+
+    Notes
+    -----
+    Each sample is compressed from rest, and so depends on no other, nor on the number of threads.
+    Starting from the compression that is varied takes half the time, but `hyperelastic` elements
+    then end elsewhere, by as much as 3 mm at a lesion (see docs/explanation/biopsy-shift.md).
+    """
+
+    def __init__(self, squeezed: CompressedBreast, settings: CompressionSettings) -> None:
+        self._breast, self._view, self._model = squeezed.phantom, squeezed.view, squeezed.model
+        self._middle_mm = 0.5 * (squeezed.support_z_mm + squeezed.paddle_z_mm)
+        self._thickness_mm, self._edge_mm = squeezed.thickness_mm, squeezed.plate_edge_mm
+        self._settings = in_millimetres(settings, squeezed.phantom, squeezed.view)
+        self.groups = _groups(squeezed.phantom)
+
+    @one_blas_thread
+    def compressed(
+        self, sample: Sample, watch: Callable[[np.void], None] | None = None
+    ) -> CompressedBreast:
+        """The breast as one sample has it; its `converged` says how the solver ended.
+
+        Parameters
+        ----------
+        sample : Sample
+        watch : callable, optional
+            Called with each row of the history, for progress.
+
+        Raises
+        ------
+        Interrupted
+            If the user stopped it.
+        """
+        shift = LATTICE_SHIFTS[sample.lattice % len(LATTICE_SHIFTS)]
+        found = MODELS[self._model](
+            self._breast, self._view, self._varied(sample), watch=watch, lattice_shift=shift
+        )
+        if found.interrupted:
+            raise Interrupted(f"{self._view.folder}: a sample was interrupted", found)
+        return found
+
+    def field(
+        self, sample: Sample, watch: Callable[[np.void], None] | None = None
+    ) -> DisplacementField | None:
+        """Displacement of one sample; None where the solver did not reach its tolerance."""
+        found = self.compressed(sample, watch)
+        return found.field if found.converged else None
+
+    def _varied(self, sample: Sample) -> CompressionSettings:
+        middle = self._middle_mm + sample.height_mm
+        gap = max(self._thickness_mm + sample.thickness_mm, THINNEST * self._thickness_mm)
+        moduli = {
+            tissue: sample.stiffness.get(stiffness_group(tissue), 1.0)
+            * self._settings.moduli(tissue)
+            for tissue in TISSUES
+            if tissue != "air"
+        }
+        changes = {
+            "thickness_mm": None,
+            "force_n": None,
+            "support_z_mm": middle - 0.5 * gap,
+            "paddle_z_mm": middle + 0.5 * gap,
+            "plate_edge_mm": self._edge_mm + sample.edge_mm,
+            "stiffness_kpa": moduli,
+            "solver": "multigrid",
+            "tolerance_voxel": SPRING_TOLERANCE,
+        }
+        return self._settings.model_copy(update=changes)
+
+
+def _groups(breast: BreastPhantom) -> tuple[str, ...]:
+    present = np.zeros(256, bool)
+    for plane in breast.labels:
+        present |= np.bincount(plane.ravel(), minlength=256) > 0
+    names = {
+        stiffness_group(name)
+        for label, name in breast.tissue_of_label.items()
+        if name != "air" and present[label]
+    }
+    return tuple(sorted(names))
