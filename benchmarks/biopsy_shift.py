@@ -1,15 +1,16 @@
 """Where lesions go in many generated breasts, beside published clip migration and the thesis.
 
     python benchmarks/biopsy_shift.py OUT [--breasts 24] [--lesions 3] [--voxel-mm 0.8]
-    python benchmarks/biopsy_shift.py OUT --samples 50
+    python benchmarks/biopsy_shift.py OUT --samples 50 [--model springs]
 
 Each breast is drawn by its seed (density class in turn, volume, side), gets lesions of 8 mm at
 random places in gland, and is compressed in CC and MLO to the population's thickness on a 1 mm
 lattice of springs. Written are `shifts.csv`, one line a lesion and view, `summary.json` and the
 picture. `along_mm` is as in lesions.csv, where both plates close on the middle of the breast;
 `from_support_mm` is the same seen from the breast support, on which the breast lies. With
-`--samples` instead: the time of that many samples of `targets.uncertainty` for one breast of 550 mL
-and 0.4 mm voxels in CC, and its lesions' ellipsoids.
+`--samples` instead: the time of that many samples of `targets.uncertainty` for the quickstart's
+breast in CC, compressed as there by elements of 3 mm on a sliding wall, or by springs of 1 mm on a
+fixed one with the same moduli; its lesions' ellipsoids; and shifts.npy, [sample, target, 3].
 """
 
 from __future__ import annotations
@@ -22,9 +23,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mammosim.compression import CompressionSettings, SpringSampler, compress
+from mammosim.compression import CompressionSettings, Sampler, compress
 from mammosim.compression.lattice import bounds_mm
 from mammosim.phantom import PhantomSettings, make_phantom
+from mammosim.pipeline import load_config
 from mammosim.targets import (
     UncertaintySettings,
     draw_samples,
@@ -38,6 +40,8 @@ from mammosim.targets.origins import mean_shift_mm
 DENSITIES = ("fatty", "scattered", "heterogeneous", "dense")
 CLIP_MEDIAN_MM, CLIP_BEYOND_20_PERCENT = 9.5, 21.5
 """Kass et al. 2002, Am J Surg 184:325: 93 clips; mean 13.5 mm, up to 78 mm."""
+
+QUICKSTART = Path(__file__).parents[1] / "configs" / "quickstart.yaml"
 
 THESIS_MM = (8.0, 13.0)
 """How far abnormalities moved under the highest compression of the source thesis."""
@@ -109,34 +113,31 @@ def summary(rows: list[dict[str, float | str]]) -> dict[str, dict[str, float]]:
     return found
 
 
-def time_samples(count: int) -> None:
+def time_samples(count: int, model: str, out: Path) -> None:
     """Time samples of one breast, compiled code being there, and print its ellipsoids."""
-    breast = make_phantom(
-        PhantomSettings.model_validate(
-            {
-                "generate": {"density": "scattered", "voxel_mm": 0.4, "volume_ml": 550},
-                "lesions": [
-                    {"name": "m", "kind": "mass", "diameter_mm": 12},
-                    {"name": "n", "kind": "mass", "diameter_mm": 8},
-                ],
-            }
-        ),
-        "L",
-        1,
-    )
-    squeezed = compress(breast, view="CC", resolution_mm=1.0)
+    config = load_config(QUICKSTART)
+    given = config.section_for(config.views[0], "compression").model_dump(exclude_unset=True)
+    if model == "springs":
+        given |= {"model": "springs", "resolution_mm": 1.0, "chest_wall": "fixed"}
+    breast = make_phantom(config.phantom, config.laterality, config.seed)
+    squeezed = compress(breast, view="CC", **given)
     origins = target_origins(breast)
-    start = time.perf_counter()
-    sampler = SpringSampler(squeezed, CompressionSettings())
-    prepared = time.perf_counter() - start
-    samples = draw_samples(UncertaintySettings(samples=count), sampler.groups, "LCC", 1)
+    sampler = Sampler(squeezed, CompressionSettings(**given))
+    samples = draw_samples(UncertaintySettings(samples=count), sampler.groups, "LCC", config.seed)
+    start, start_cpu = time.perf_counter(), time.process_time()
     shifts = sampled_shifts(sampler, origins, samples)
-    seconds = time.perf_counter() - start
+    seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
     nodes = int(np.count_nonzero(squeezed.field.tissue))
-    print(f"{count} samples of {nodes} nodes: {seconds:.1f} s, {prepared:.1f} s of it once")
+    print(f"{count} samples of {nodes} nodes: {seconds:.1f} s, {cpu:.1f} s of processor time")
+    for number in np.flatnonzero(np.isnan(shifts).any(axis=(1, 2))):
+        print(f"not converged: {number + 1} ({samples[number]})")
+    np.save(out / "shifts.npy", shifts)
+    for origin in origins:
+        print(f"{origin.name}: nominal {mean_shift_mm(squeezed.field, origin).round(1)} mm")
     for row in uncertainties(origins, {"CC": shifts}):
         axes = f"{row.long_mm:.1f}, {row.middle_mm:.1f}, {row.short_mm:.1f} mm"
-        print(f"{row.name}: {row.samples} samples, ellipsoid {axes}")
+        mean = f"{row.shift_x_mm:.1f}, {row.shift_y_mm:.1f}, {row.shift_z_mm:.1f} mm"
+        print(f"{row.name}: {row.samples} samples, mean {mean}, ellipsoid {axes}")
 
 
 def draw(rows: list[dict[str, float | str]], path: Path) -> None:
@@ -173,11 +174,12 @@ def main() -> None:
     parser.add_argument("--lesions", type=int, default=3)
     parser.add_argument("--voxel-mm", type=float, default=0.8)
     parser.add_argument("--samples", type=int, default=0)
+    parser.add_argument("--model", choices=("hyperelastic", "springs"), default="hyperelastic")
     given = parser.parse_args()
-    if given.samples:
-        time_samples(given.samples)
-        return
     given.out.mkdir(parents=True, exist_ok=True)
+    if given.samples:
+        time_samples(given.samples, given.model, given.out)
+        return
     rows: list[dict[str, float | str]] = []
     start = time.perf_counter()
     for seed in range(1, given.breasts + 1):

@@ -91,8 +91,8 @@ class Sampler:
     Notes
     -----
     Each sample is compressed from rest, and so depends on no other, nor on the number of threads.
-    Starting from the compression that is varied takes half the time, but `hyperelastic` elements
-    then end elsewhere, by as much as 3 mm at a lesion (see docs/explanation/biopsy-shift.md).
+    Starting from the compression that is varied saves nothing: coarse lattices lead to the new
+    place of the plates in as few steps on the finest one (docs/explanation/biopsy-shift.md).
     """
 
     def __init__(self, squeezed: CompressedBreast, settings: CompressionSettings) -> None:
