@@ -1,23 +1,29 @@
 """The one place where Numba's options are written.
 
-`kernel` compiles a sequential function, `parallel_kernel` one whose `numba.prange` loops use all
-threads. Both are cached on disk, release the GIL, and divide as NumPy does (0/0 is NaN, no
-exception). Neither lets the compiler reorder floating-point sums: the same input gives the same
-bits whatever the machine's vector width and number of threads.
+`kernel` compiles a sequential function. A `parallel_kernel` runs on all threads: its first
+parameter says which thread it is, and its outermost loop takes that thread's `share`. Both are
+cached on disk, release the GIL, and divide as NumPy does (0/0 is NaN, no exception). Neither lets
+the compiler reorder floating-point sums: the same input gives the same bits whatever the machine's
+vector width and number of threads.
 
 `contracting_kernel` and `contracting_parallel_kernel` also let the compiler fuse a multiplication
 and the addition that follows it, which is twice as fast in stencils and keeps NaN and infinity as
-they are. `inlined_kernel` is for formulas that such kernels share; `sized_kernel` is the first two
-of these in one: sequential for small arrays.
+they are. `inlined_kernel` and `merged_kernel` are for formulas and steps of such kernels;
+`sized_kernel` stays on one thread where arrays are small; `alternating_kernel` is for turns of a
+loop that write to their neighbours' elements.
+
+Numba's own parallel loops are not used: each is compiled as a function of its own, three times over
+and in the function around it, which made the first run on a machine twice as long.
 
 `one_blas_thread` is for stages that call BLAS: its sums depend on how many threads share them.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
-from functools import wraps
-from types import FunctionType
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
 import llvmlite.binding
@@ -46,8 +52,8 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def parallel_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a kernel whose `prange` loops run on all threads."""
-    return numba.njit(parallel=True, **_OPTIONS)(function)
+    """Compile a kernel that runs on all threads, each with its `share` of a loop."""
+    return _threaded(kernel(function))
 
 
 def contracting_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -56,8 +62,16 @@ def contracting_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def contracting_parallel_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a parallel kernel with fused multiply-add."""
-    return numba.njit(parallel=True, fastmath={"contract"}, **_OPTIONS)(function)
+    """Compile a kernel with fused multiply-add that runs on all threads."""
+    return _threaded(contracting_kernel(function))
+
+
+def alternating_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a kernel like `contracting_parallel_kernel` whose turns write to the next one's, too.
+
+    Even turns of its loop are worked on together, then odd ones, so that each sum has one order.
+    """
+    return _threaded(contracting_kernel(function), step=2)
 
 
 def inlined_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -69,32 +83,77 @@ def inlined_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     return numba.njit(forceinline=True, fastmath={"contract"}, **_OPTIONS)(function)
 
 
+def merged_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Make a step with fused multiply-add part of a kernel's own source.
+
+    It is compiled once with the kernel instead of by itself and again in every caller; for steps
+    that are called in one place.
+    """
+    return numba.njit(inline="always", fastmath={"contract"}, **_OPTIONS)(function)
+
+
 def sized_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a kernel with fused multiply-add twice, and run it on all threads where it pays.
+    """Compile a kernel with fused multiply-add that runs on all threads where it pays.
 
     Coarse levels call kernels thousands of times on arrays of a few kilobytes. Results do not
-    depend on which of the two runs. It is called from Python only, not from other kernels.
+    depend on the number of threads.
     """
-    parallel = contracting_parallel_kernel(function)
-    sequential = contracting_kernel(_renamed(function, "_sequential"))
+    return _threaded(contracting_kernel(function), smallest_bytes=PARALLEL_BYTES)
 
-    @wraps(function)
-    def run(*arguments: Any) -> Any:
-        size = sum(part.nbytes for part in arguments if isinstance(part, np.ndarray))
-        return (parallel if size > PARALLEL_BYTES else sequential)(*arguments)
+
+Thread = tuple[int, int, int, int]
+"""A thread's number, how many there are, the first turn of a loop that is due, and the step."""
+
+
+@inlined_kernel
+def share(thread: Thread, first: int, last: int) -> range:
+    """The part of ``range(first, last)`` that is a thread's; in a kernel's outermost loop."""
+    number, threads, due, step = thread
+    turns = max(last - first - due + step - 1, 0) // step
+    low, high = turns * number // threads, turns * (number + 1) // threads
+    return range(first + due + step * low, first + due + step * high, step)
+
+
+def _threaded(
+    compiled: Callable[..., Any], smallest_bytes: int = -1, step: int = 1
+) -> Callable[..., list[Any]]:
+    """Call a kernel, whose first parameter is its `Thread`, on all threads.
+
+    Every `step`-th turn of its loop is worked on together, then those after them. What the kernel
+    returned on each thread is returned. It is called from Python only, not from other kernels.
+    """
+
+    @wraps(compiled)
+    def run(*arguments: Any, **named: Any) -> list[Any]:
+        enough = _bytes_of((*arguments, *named.values())) > smallest_bytes
+        threads = numba.get_num_threads() if enough and not numba.config.DISABLE_JIT else 1
+        returned: list[Any] = []
+        for due in range(step):
+            others = [
+                _threads().submit(compiled, (number, threads, due, step), *arguments, **named)
+                for number in range(1, threads)
+            ]
+            try:
+                returned.append(compiled((0, threads, due, step), *arguments, **named))
+            finally:
+                wait(others)
+            returned.extend(other.result() for other in others)
+        return returned
 
     return run
 
 
-def _renamed(function: Callable[..., Any], suffix: str) -> Callable[..., Any]:
-    """A copy under another name, since Numba's cache on disk tells functions by their names."""
-    copy = FunctionType(
-        function.__code__, function.__globals__, function.__name__ + suffix,
-        function.__defaults__, function.__closure__,
-    )  # fmt: skip
-    copy.__qualname__ = function.__qualname__ + suffix
-    copy.__module__ = function.__module__
-    return copy
+def _bytes_of(arguments: tuple[Any, ...]) -> int:
+    return sum(part.nbytes for part in arguments if isinstance(part, np.ndarray))
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(numba.config.NUMBA_NUM_THREADS, "kernel")
+
+
+if hasattr(os, "register_at_fork"):  # a fork has none of its parent's threads
+    os.register_at_fork(after_in_child=_threads.cache_clear)
 
 
 def one_blas_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

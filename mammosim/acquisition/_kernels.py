@@ -5,11 +5,10 @@ from __future__ import annotations
 from math import exp, log, sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import kernel, parallel_kernel
+from mammosim._jit import Thread, kernel, parallel_kernel, share
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -49,6 +48,7 @@ class Weights(NamedTuple):
 
 @parallel_kernel
 def primary_kernel(
+    thread: Thread,
     length_mm: F32,
     mu_per_mm: F64,
     weights: Weights,
@@ -73,7 +73,7 @@ def primary_kernel(
         for e in range(energies):
             air_signal[source] += weights.energy[source, e]
             air_square[source] += weights.square[source, e]
-    for row in numba.prange(rows):
+    for row in share(thread, 0, rows):
         met = np.empty(tissues, np.int64)
         for column in range(columns):
             number = 0
@@ -129,6 +129,7 @@ def _interpolated(
 
 @parallel_kernel
 def add_scatter_kernel(
+    thread: Thread,
     coarse: F64,
     cell: float,
     primary_part: float,
@@ -143,7 +144,7 @@ def add_scatter_kernel(
     second moment grows with the signal.
     """
     rows, columns = out_signal.shape
-    for row in numba.prange(rows):
+    for row in share(thread, 0, rows):
         for column in range(columns):
             here = _interpolated(coarse, (row + 0.5) / cell - 0.5, (column + 0.5) / cell - 0.5)
             scatter = scatter_part * here
@@ -157,6 +158,7 @@ def add_scatter_kernel(
 
 @parallel_kernel
 def log_attenuation_kernel(
+    thread: Thread,
     signal: F32,
     air_signal: F64,
     mean_depth: float,
@@ -169,7 +171,7 @@ def log_attenuation_kernel(
     millionth of air's counts as that.
     """
     rows, columns = signal.shape
-    for row in numba.prange(rows):
+    for row in share(thread, 0, rows):
         for column in range(columns):
             air = air_signal[min(column, air_signal.size - 1)]
             secant = _secant(rays, row, column)
@@ -179,6 +181,7 @@ def log_attenuation_kernel(
 
 @parallel_kernel
 def present_kernel(
+    thread: Thread,
     attenuation: F32,
     added: F64,
     cell: float,
@@ -196,7 +199,7 @@ def present_kernel(
     """
     toe, shoulder = bends
     rows, columns = attenuation.shape
-    for row in numba.prange(rows):
+    for row in share(thread, 0, rows):
         for column in range(columns):
             extra = _interpolated(added, (row + 0.5) / cell - 0.5, (column + 0.5) / cell - 0.5)
             level = attenuation[row, column] + extra

@@ -1,13 +1,12 @@
 """Kernel that continues a field from tissue nodes into the air around them."""
 
 import numpy as np
-from numba import prange
 
-from mammosim._jit import parallel_kernel
+from mammosim._jit import parallel_kernel, share
 
 
 @parallel_kernel
-def continue_one_layer(field, layer, number):
+def continue_one_layer(thread, field, layer, number):
     """Give nodes of `layer` 0 that touch a lower layer the mean of those neighbours.
 
     `layer` is 1 in tissue and 0 where nothing is known; nodes reached become `number`, and only
@@ -15,7 +14,7 @@ def continue_one_layer(field, layer, number):
     `field` is [component, x, y, z].
     """
     nx, ny, nz = layer.shape
-    for i in prange(nx):
+    for i in share(thread, 0, nx):
         for j in range(ny):
             for k in range(nz):
                 if layer[i, j, k] != 0:
@@ -35,13 +34,13 @@ def continue_one_layer(field, layer, number):
 
 
 @parallel_kernel
-def extrapolate_one_layer(field, layer, number):
+def extrapolate_one_layer(thread, field, layer, number):
     """Give nodes of `layer` 0 the mean of what lines of two known nodes along the axes lead to.
 
     As `continue_one_layer`, for a field that goes on as it comes; nodes at which no such line ends
     are left for that.
     """
-    for i in prange(layer.shape[0]):
+    for i in share(thread, 0, layer.shape[0]):
         total = np.empty(field.shape[0])
         for j in range(layer.shape[1]):
             for k in range(layer.shape[2]):

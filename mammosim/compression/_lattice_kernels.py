@@ -1,13 +1,14 @@
 """Kernel that gathers a phantom's fine voxels into the nodes of the mechanical lattice."""
 
 import numpy as np
-from numba import prange
 
-from mammosim._jit import kernel, parallel_kernel
+from mammosim._jit import kernel, parallel_kernel, share
 
 
 @parallel_kernel
-def gather_blocks(labels, modulus_of, muscle_of, to_voxel, samples, fraction, modulus, muscle):
+def gather_blocks(
+    thread, labels, modulus_of, muscle_of, to_voxel, samples, fraction, modulus, muscle
+):
     """Tissue fraction, mean modulus of the tissue, and muscle's part of it, in each node's block.
 
     A node's block is sampled at ``samples ** 3`` points. `to_voxel` is (3, 4): it takes lattice
@@ -15,7 +16,7 @@ def gather_blocks(labels, modulus_of, muscle_of, to_voxel, samples, fraction, mo
     labels; air has modulus 0. Outputs are 0 where a block holds no tissue.
     """
     nx, ny, nz = labels.shape
-    for i in prange(fraction.shape[0]):
+    for i in share(thread, 0, fraction.shape[0]):
         for j in range(fraction.shape[1]):
             for k in range(fraction.shape[2]):
                 tissue = 0
@@ -43,9 +44,9 @@ def gather_blocks(labels, modulus_of, muscle_of, to_voxel, samples, fraction, mo
 
 
 @parallel_kernel
-def tissue_outline(labels, out):
+def tissue_outline(thread, labels, out):
     """``out[y, z]`` is true where any voxel along x is tissue."""
-    for j in prange(labels.shape[1]):
+    for j in share(thread, 0, labels.shape[1]):
         for i in range(labels.shape[0]):
             for k in range(labels.shape[2]):
                 if labels[i, j, k] != 0:
@@ -53,9 +54,9 @@ def tissue_outline(labels, out):
 
 
 @parallel_kernel
-def tissue_reach(labels, wanted, out):
+def tissue_reach(thread, labels, wanted, out):
     """``out[x]`` counts voxels of the wanted labels in each layer of constant x."""
-    for i in prange(labels.shape[0]):
+    for i in share(thread, 0, labels.shape[0]):
         count = 0
         for j in range(labels.shape[1]):
             for k in range(labels.shape[2]):

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import kernel, parallel_kernel
+from mammosim._jit import Thread, kernel, parallel_kernel, share
 from mammosim.projection._label_kernels import Labels
 
 Floats = NDArray[np.float64]
@@ -53,7 +52,7 @@ def value_on_plane(nodes: Nodes, u: float, v: float, k: int) -> Place:
 
 @parallel_kernel
 def measure_cells(
-    nodes: Nodes, labels: Labels, out_density: Floats, out_tissue: NDArray[np.uint8]
+    thread: Thread, nodes: Nodes, labels: Labels, out_density: Floats, out_tissue: NDArray[np.uint8]
 ) -> None:
     """Volume ratio (original to compressed) and tissue samples of each cell of the grid.
 
@@ -62,7 +61,7 @@ def measure_cells(
     points of the Gauss rule fall on tissue.
     """
     nu, nv, nk = out_density.shape
-    for i in numba.prange(nu):
+    for i in share(thread, 0, nu):
         gradient = np.empty((3, 3))
         place = np.empty(3)
         for j in range(nv):
@@ -122,7 +121,13 @@ def _label_at(place: Floats, labels: Labels) -> int:
 
 @parallel_kernel
 def carry_labels(
-    axis_u: Floats, axis_v: Floats, axis_k: Floats, nodes: Nodes, labels: Labels, out_labels: Labels
+    thread: Thread,
+    axis_u: Floats,
+    axis_v: Floats,
+    axis_k: Floats,
+    nodes: Nodes,
+    labels: Labels,
+    out_labels: Labels,
 ) -> None:
     """Label that came to lie at each point of a regular grid.
 
@@ -130,7 +135,7 @@ def carry_labels(
     grid. The nodes are interpolated trilinearly; air where a corner is missing.
     """
     nk = nodes.shape[2]
-    for a in numba.prange(axis_u.size):
+    for a in share(thread, 0, axis_u.size):
         line = np.empty((nk, 3))
         place = np.empty(3)
         for b in range(axis_v.size):

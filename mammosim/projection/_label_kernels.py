@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import parallel_kernel
+from mammosim._jit import Thread, parallel_kernel, share
 
 Labels = NDArray[np.uint8]
 Words = NDArray[np.uint64]
@@ -18,10 +17,10 @@ _BYTE, _LOWEST_BYTE = np.uint64(8), np.uint64(0xFF)
 
 
 @parallel_kernel
-def planes_of_labels(labels: Labels, out_present: NDArray[np.bool_]) -> None:
+def planes_of_labels(thread: Thread, labels: Labels, out_present: NDArray[np.bool_]) -> None:
     """Mark in `out_present` [x, 256] which labels occur in each x plane."""
     nx, ny, nz = labels.shape
-    for x in numba.prange(nx):
+    for x in share(thread, 0, nx):
         last = -1
         for y in range(ny):
             for z in range(nz):
@@ -32,9 +31,9 @@ def planes_of_labels(labels: Labels, out_present: NDArray[np.bool_]) -> None:
 
 
 @parallel_kernel
-def planes_of_words(words: Words, out_present: NDArray[np.bool_]) -> None:
+def planes_of_words(thread: Thread, words: Words, out_present: NDArray[np.bool_]) -> None:
     """The same for planes [x, word]; a word like the one before it is passed over."""
-    for x in numba.prange(words.shape[0]):
+    for x in share(thread, 0, words.shape[0]):
         last = ~words[x, 0]
         for at in range(words.shape[1]):
             word = words[x, at]

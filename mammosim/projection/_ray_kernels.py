@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import kernel, parallel_kernel
+from mammosim._jit import Thread, kernel, parallel_kernel, share
 from mammosim.projection._grid_kernels import (
     NOWHERE,
     Floats,
@@ -60,6 +59,7 @@ class Voxels(NamedTuple):
 
 @parallel_kernel
 def trace(
+    thread: Thread,
     band_order: NDArray[np.int64],
     band_rows: int,
     beam: Beam,
@@ -74,7 +74,7 @@ def trace(
     are in the cache; each band writes its own rows.
     """
     channels, rows, columns = out_length.shape
-    for turn in numba.prange(band_order.size):
+    for turn in share(thread, 0, band_order.size):
         sums = np.zeros((channels + 1, 2))
         first = band_order[turn] * band_rows
         for column in range(columns):

@@ -4,14 +4,13 @@ The layout is that of `_tangent_kernels`; vectors are ``[3, x, y, z]`` with one 
 """
 
 import numpy as np
-from numba import prange
 
-from mammosim._jit import contracting_kernel, sized_kernel
+from mammosim._jit import contracting_kernel, merged_kernel, share, sized_kernel
 
 _ONE = np.uint64(1)
 
 
-@contracting_kernel
+@merged_kernel
 def _row_product(stencil, u, i, j, first, last, out):
     """``out[r, k] = (A u)[r]`` for one row along z."""
     out_x, out_y, out_z = out[0], out[1], out[2]
@@ -47,9 +46,9 @@ def _row_product(stencil, u, i, j, first, last, out):
 
 
 @sized_kernel
-def block_residual(stencil, span, u, load, out):
+def block_residual(thread, stencil, span, u, load, out):
     """``out = load - A u``; no load if None."""
-    for i in prange(1, u.shape[1] - 1):
+    for i in share(thread, 1, u.shape[1] - 1):
         product = np.empty((3, u.shape[3]), np.float32)
         for j in range(1, u.shape[2] - 1):
             first, last = span[i, j, 0], span[i, j, 1]
@@ -68,9 +67,9 @@ def block_residual(stencil, span, u, load, out):
 
 
 @sized_kernel
-def block_smooth(stencil, span, inverse, u, load, keep, gain, step, out):
+def block_smooth(thread, stencil, span, inverse, u, load, keep, gain, step, out):
     """``step = keep step + gain D^-1 (load - A u)``; ``out = u + step``."""
-    for i in prange(1, u.shape[1] - 1):
+    for i in share(thread, 1, u.shape[1] - 1):
         force = np.empty((3, u.shape[3]), np.float32)
         for j in range(1, u.shape[2] - 1):
             first, last = span[i, j, 0], span[i, j, 1]
@@ -88,7 +87,7 @@ def block_smooth(stencil, span, inverse, u, load, keep, gain, step, out):
                     target[k] = here[k] + moved[k]
 
 
-@contracting_kernel
+@merged_kernel
 def _row_step(inverse, force, i, j, r, first, last, keep, gain, step):
     """``step = keep step + gain (D^-1 force)[r]``; `inverse` is [xx, xy, xz, yy, yz, zz]."""
     a = inverse[i, j, r]
@@ -100,9 +99,9 @@ def _row_step(inverse, force, i, j, r, first, last, keep, gain, step):
 
 
 @sized_kernel
-def block_scaled(inverse, span, load, gain, out):
+def block_scaled(thread, inverse, span, load, gain, out):
     """``out = gain D^-1 load``."""
-    for i in prange(1, load.shape[1] - 1):
+    for i in share(thread, 1, load.shape[1] - 1):
         for j in range(1, load.shape[2] - 1):
             first, last = span[i, j, 0], span[i, j, 1]
             if first < last:
@@ -116,18 +115,18 @@ def block_scaled(inverse, span, load, gain, out):
 
 
 @sized_kernel
-def invert_blocks(stencil, span, out):
+def invert_blocks(thread, stencil, span, out):
     """Inverse of each node's own block, six entries; 0 where a displacement has no stiffness.
 
     A block that is not positive definite is replaced by its absolute row sums.
     """
-    for i in prange(1, out.shape[0] - 1):
+    for i in share(thread, 1, out.shape[0] - 1):
         for j in range(1, out.shape[1] - 1):
             for k in range(span[i, j, 0], span[i, j, 1]):
                 _invert_block(stencil[i, j, :, k], out[i, j, :, k])
 
 
-@contracting_kernel
+@merged_kernel
 def _invert_block(block, out):
     """Inverse of one symmetric block; rows with an empty diagonal stay empty."""
     xx, xy, xz, yy, yz, zz = block[0], block[1], block[2], block[4], block[5], block[8]
@@ -156,9 +155,9 @@ def _invert_block(block, out):
 
 
 @sized_kernel
-def hold(stencil, free):
+def hold(thread, stencil, free):
     """Empty the rows and columns of held displacements; `free` is [3, x, y, z], 1 or 0."""
-    for i in prange(1, free.shape[1] - 1):
+    for i in share(thread, 1, free.shape[1] - 1):
         for j in range(1, free.shape[2] - 1):
             for offset in range(14):
                 flat = offset + 13
@@ -172,9 +171,9 @@ def hold(stencil, free):
 
 
 @sized_kernel
-def galerkin_of_blocks(stencil, span, out):
+def galerkin_of_blocks(thread, stencil, span, out):
     """Stencil of ``P^T A P`` on the next coarse level, P being trilinear in each displacement."""
-    for i in prange(1, out.shape[0] - 1):
+    for i in share(thread, 1, out.shape[0] - 1):
         half = np.empty((243, stencil.shape[3]), np.float32)
         row = np.empty((9, stencil.shape[3]), np.float32)
         for j in range(1, out.shape[1] - 1):
@@ -192,13 +191,13 @@ def galerkin_of_blocks(stencil, span, out):
                 _collapse_row(half, out[i, j])
 
 
-@contracting_kernel
+@merged_kernel
 def _weight(reach, step):
     """Weight along an axis, at fine distance `reach`, of the coarse node `step` away."""
     return max(0.0, 1.0 - 0.5 * abs(reach - 2 * step))
 
 
-@contracting_kernel
+@merged_kernel
 def _collapse_columns(stencil, fi, fj, ti, tj, row, half):
     """Add one fine row's part to the coarse neighbours (dx, dy), still fine along z.
 
@@ -219,7 +218,7 @@ def _collapse_columns(stencil, fi, fj, ti, tj, row, half):
                             target[k] += weight * source[k]
 
 
-@contracting_kernel
+@merged_kernel
 def _block_row(stencil, i, j, flat, out):
     """Blocks that couple a row of nodes to its neighbours `flat` of 27, ``out[3 r + c, k]``."""
     last = np.uint64(out.shape[1] - 1)
@@ -237,7 +236,7 @@ def _block_row(stencil, i, j, flat, out):
                     target[k] = source[k + shift - _ONE]
 
 
-@contracting_kernel
+@merged_kernel
 def _collapse_row(half, out):
     """Sum over fine z; store the 14 blocks of one coarse row, ``out[9 o + e, k]``."""
     fine = half.shape[1]

@@ -15,9 +15,8 @@ a barrier against folding; the rest acts on the mean over the element, so that n
 """
 
 import numpy as np
-from numba import prange
 
-from mammosim._jit import contracting_parallel_kernel, inlined_kernel
+from mammosim._jit import alternating_kernel, contracting_parallel_kernel, inlined_kernel, share
 
 CENTRE_VOLUME = 2.0 / 3.0
 CORNER_VOLUME = 1.0 / 24.0
@@ -258,48 +257,44 @@ def pack(u, i, j, first, count, columns):
             target[k] = source[np.uint64(first) + k]
 
 
-@contracting_parallel_kernel
+@alternating_kernel
 def energy_and_forces(
-    u, shear, bulk, span, corner_weight, local_part, least, out_force, out_layers
+    thread, u, shear, bulk, span, corner_weight, local_part, least, out_force, out_layers
 ):
     """Derivative of the elastic energy by each node's displacement, added to `out_force`.
 
-    ``out_layers[i]`` is the energy of the elements of layer i and their smallest determinant. Even
-    layers of elements are worked on together, then odd ones, so that each node's sum has one order.
+    ``out_layers[i]`` is the energy of the elements of layer i and their smallest determinant.
     """
-    layers = out_layers.shape[0]
-    for parity in range(2):
-        for half in prange((layers - parity + 1) // 2):
-            i = 2 * half + parity
-            columns, rows = np.empty((12, TILE + 1)), np.empty((26, TILE))
-            moduli = np.empty((2, TILE))
-            energy, smallest = 0.0, np.inf
-            for j in range(u.shape[2] - 1):
-                for first in range(span[i, j, 0], span[i, j, 1], TILE):
-                    count = min(TILE, span[i, j, 1] - first)
-                    pack(u, i, j, first, count, columns)
-                    moduli[0, :count] = shear[i, j, first : first + count]
-                    moduli[1, :count] = bulk[i, j, first : first + count]
-                    _tile_forces(
-                        columns, moduli[0], moduli[1], corner_weight, local_part, least, count, rows
-                    )
-                    for k in range(count):
-                        energy += rows[24, k]
-                        smallest = min(smallest, rows[25, k])
-                    for row in range(24):
-                        node, d = row // 3, row % 3
-                        target = out_force[d, i + node // 4, j + (node // 2) % 2]
-                        source, shift = rows[row], np.uint64(first + node % 2)
-                        for k in range(np.uint64(0), np.uint64(count)):
-                            target[k + shift] += source[k]
-            out_layers[i, 0] = energy
-            out_layers[i, 1] = smallest
+    for i in share(thread, 0, out_layers.shape[0]):
+        columns, rows = np.empty((12, TILE + 1)), np.empty((26, TILE))
+        moduli = np.empty((2, TILE))
+        energy, smallest = 0.0, np.inf
+        for j in range(u.shape[2] - 1):
+            for first in range(span[i, j, 0], span[i, j, 1], TILE):
+                count = min(TILE, span[i, j, 1] - first)
+                pack(u, i, j, first, count, columns)
+                moduli[0, :count] = shear[i, j, first : first + count]
+                moduli[1, :count] = bulk[i, j, first : first + count]
+                _tile_forces(
+                    columns, moduli[0], moduli[1], corner_weight, local_part, least, count, rows
+                )
+                for k in range(count):
+                    energy += rows[24, k]
+                    smallest = min(smallest, rows[25, k])
+                for row in range(24):
+                    node, d = row // 3, row % 3
+                    target = out_force[d, i + node // 4, j + (node // 2) % 2]
+                    source, shift = rows[row], np.uint64(first + node % 2)
+                    for k in range(np.uint64(0), np.uint64(count)):
+                        target[k + shift] += source[k]
+        out_layers[i, 0] = energy
+        out_layers[i, 1] = smallest
 
 
 @contracting_parallel_kernel
-def element_volumes(u, span, out_volume, out_smallest):
+def element_volumes(thread, u, span, out_volume, out_smallest):
     """Volume of each element over that at rest, and the smallest J of its nine points."""
-    for i in prange(out_volume.shape[0] - 1):
+    for i in share(thread, 0, out_volume.shape[0] - 1):
         columns, volume, smallest = np.empty((12, TILE + 1)), np.empty(TILE), np.empty(TILE)
         for j in range(out_volume.shape[1] - 1):
             for first in range(span[i, j, 0], span[i, j, 1], TILE):

@@ -6,9 +6,8 @@ neighbour o, one of the 14 from the node itself onwards in the order ``9 (dx+1) 
 """
 
 import numpy as np
-from numba import prange
 
-from mammosim._jit import contracting_kernel, contracting_parallel_kernel, inlined_kernel
+from mammosim._jit import alternating_kernel, contracting_kernel, inlined_kernel, share
 from mammosim.compression.hyperelastic._element_kernels import (
     CENTRE_VOLUME,
     CORNER_VOLUME,
@@ -282,25 +281,22 @@ def _tile_tangent(
         _add_pairs(hessian, signs, count, i, j, first, stencil)
 
 
-@contracting_parallel_kernel
-def tangent_stencil(u, shear, bulk, span, corner_weight, local_part, least, geometric, out):
+@alternating_kernel
+def tangent_stencil(thread, u, shear, bulk, span, corner_weight, local_part, least, geometric, out):
     """Tangent stiffness of all elements, added to the stencil `out`.
 
     `geometric`, 0 to 1, scales the terms that may make it indefinite.
     """
-    layers = u.shape[1] - 1
-    for parity in range(2):
-        for pair in prange((layers - parity + 1) // 2):
-            i = 2 * pair + parity
-            columns = np.empty((12, TILE + 1), np.float32)
-            moduli = np.empty((2, TILE), np.float32)
-            for j in range(u.shape[2] - 1):
-                for first in range(span[i, j, 0], span[i, j, 1], TILE):
-                    count = min(TILE, span[i, j, 1] - first)
-                    pack(u, i, j, first, count, columns)
-                    moduli[0, :count] = shear[i, j, first : first + count]
-                    moduli[1, :count] = bulk[i, j, first : first + count]
-                    _tile_tangent(
-                        columns, moduli[0], moduli[1], corner_weight, local_part, least,
-                        geometric, i, j, first, count, out,
-                    )  # fmt: skip
+    for i in share(thread, 0, u.shape[1] - 1):
+        columns = np.empty((12, TILE + 1), np.float32)
+        moduli = np.empty((2, TILE), np.float32)
+        for j in range(u.shape[2] - 1):
+            for first in range(span[i, j, 0], span[i, j, 1], TILE):
+                count = min(TILE, span[i, j, 1] - first)
+                pack(u, i, j, first, count, columns)
+                moduli[0, :count] = shear[i, j, first : first + count]
+                moduli[1, :count] = bulk[i, j, first : first + count]
+                _tile_tangent(
+                    columns, moduli[0], moduli[1], corner_weight, local_part, least,
+                    geometric, i, j, first, count, out,
+                )  # fmt: skip

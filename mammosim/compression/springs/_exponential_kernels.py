@@ -1,9 +1,8 @@
 """Formulas of springs that stiffen as they are strained, E = Ec exp(Enl e), and their kernels."""
 
 import numpy as np
-from numba import prange
 
-from mammosim._jit import contracting_parallel_kernel, inlined_kernel
+from mammosim._jit import contracting_parallel_kernel, inlined_kernel, share
 
 LARGEST_STRAIN = 0.6
 """Strain from which on a spring stiffens no further, so that its modulus stays finite: that of fat
@@ -57,7 +56,7 @@ def mean_stretch(stretch, i, j, k, a, b, c):
 
 
 @contracting_parallel_kernel
-def strain_springs(modulus, growth, ux, uy, uz, stretch, axis, stiffness, slope):
+def strain_springs(thread, modulus, growth, ux, uy, uz, stretch, axis, stiffness, slope):
     """Stiffness of each spring at its strain, and the slope of its force along an axis.
 
     `stiffness` and `slope` are [13, x, y, z], from a node to those ahead of it, 0 where either is
@@ -66,7 +65,7 @@ def strain_springs(modulus, growth, ux, uy, uz, stretch, axis, stiffness, slope)
     would give less.
     """
     nx, ny, nz = modulus.shape
-    for i in prange(1, nx - 1):
+    for i in share(thread, 1, nx - 1):
         for number in range(13):
             flat = number + 14
             a, b, c = flat // 9 - 1, (flat // 3) % 3 - 1, flat % 3 - 1

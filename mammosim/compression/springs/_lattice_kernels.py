@@ -15,9 +15,8 @@ them, beyond the tissue if need be: what is left over of a row otherwise takes a
 """
 
 import numpy as np
-from numba import prange
 
-from mammosim._jit import contracting_kernel, contracting_parallel_kernel, inlined_kernel
+from mammosim._jit import contracting_kernel, contracting_parallel_kernel, inlined_kernel, share
 from mammosim.compression.springs._plate_kernels import foremost
 
 _ONE = np.uint64(1)
@@ -77,13 +76,13 @@ def _pull_of_springs(stiffness, u, i, j, k):
 
 
 @contracting_parallel_kernel
-def lattice_residual(springs, span, free, u, load, out):
+def lattice_residual(thread, springs, span, free, u, load, out):
     """``out = free * (load - A u)``: net force on each free node, lattice units x kPa; no load if
     None.
 
     It is summed in the precision of `u`, whatever that of `out`.
     """
-    for layer in prange(1, u.shape[0] - 1):
+    for layer in share(thread, 1, u.shape[0] - 1):
         i = np.uint64(layer)
         for j in range(_ONE, np.uint64(u.shape[1] - 1)):
             first, last = visited(span, i, j, u.shape[2])
@@ -97,12 +96,12 @@ def lattice_residual(springs, span, free, u, load, out):
 
 
 @contracting_parallel_kernel
-def lattice_smooth(springs, span, inverse_diagonal, u, load, keep, gain, direction, out):
+def lattice_smooth(thread, springs, span, inverse_diagonal, u, load, keep, gain, direction, out):
     """``direction = keep direction + gain D^-1 (load - A u)``; ``out = u + direction``.
 
     `inverse_diagonal` is 0 where a node may not move.
     """
-    for layer in prange(1, u.shape[0] - 1):
+    for layer in share(thread, 1, u.shape[0] - 1):
         i = np.uint64(layer)
         for j in range(_ONE, np.uint64(u.shape[1] - 1)):
             first, last = visited(span, i, j, u.shape[2])
@@ -121,9 +120,9 @@ def _ahead(number):
 
 
 @contracting_parallel_kernel
-def lattice_diagonal(springs, span, out):
+def lattice_diagonal(thread, springs, span, out):
     """``out = sum of the stiffness of the 26 springs of each tissue node``, 0 in air."""
-    for i in prange(1, out.shape[0] - 1):
+    for i in share(thread, 1, out.shape[0] - 1):
         stiffness = np.empty((3, out.shape[2]), np.float32)
         for j in range(1, out.shape[1] - 1):
             first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
@@ -167,9 +166,9 @@ def column_stiffness(springs, i, j, di, dj, first, last, out):
 
 
 @contracting_parallel_kernel
-def spring_stiffness(modulus, out):
+def spring_stiffness(thread, modulus, out):
     """``out[13, x, y, z] = min(E(n), E(m))``: the stiffness of each spring from nodes' moduli."""
-    for i in prange(1, modulus.shape[0] - 1):
+    for i in share(thread, 1, modulus.shape[0] - 1):
         for number in range(13):
             di, dj, shift = _ahead(number)
             for j in range(1, modulus.shape[1] - 1):
@@ -179,14 +178,14 @@ def spring_stiffness(modulus, out):
 
 
 @contracting_parallel_kernel
-def cell_stretch(modulus, z_displacement, out):
+def cell_stretch(thread, modulus, z_displacement, out):
     """In-plane stretch 1/sqrt(lambda) of each cell; 0 where a cell takes no part.
 
     Cell [i, j, k] lies between nodes [i, j, k] and [i+1, j+1, k+1]; lambda is the mean of
     z_upper - z_lower over those of its four z-edges whose two nodes are tissue, at least 0.1.
     """
     nx, ny, nz = modulus.shape
-    for i in prange(nx - 1):
+    for i in share(thread, 0, nx - 1):
         for j in range(ny - 1):
             for k in range(nz - 1):
                 total = 0.0
@@ -207,14 +206,14 @@ def cell_stretch(modulus, z_displacement, out):
 
 
 @contracting_parallel_kernel
-def stretch_loads(springs, span, stretch, out_x, out_y):
+def stretch_loads(thread, springs, span, stretch, out_x, out_y):
     """Loads along x and y of springs that are longer than at rest by the stretch S - 1.
 
     The spring to neighbour (a, b, c) has S, the mean of `stretch` over the participating cells
     that contain both nodes (1 where there is none), and pulls n with w a (1 - S) along x.
     """
     nx, ny, nz = stretch.shape
-    for i in prange(1, nx - 1):
+    for i in share(thread, 1, nx - 1):
         total = np.empty(nz)
         cells = np.empty(nz)
         stiffness = np.empty((3, nz), np.float32)
@@ -262,7 +261,7 @@ def _add_stretch_loads(stiffness, total, cells, a, b, first, last, row_x, row_y)
 
 
 @contracting_parallel_kernel
-def hold_between_faces(u, force, diagonal, free, plates, slack, contact, advance=0.0):
+def hold_between_faces(thread, u, force, diagonal, free, plates, slack, contact, advance=0.0):
     """Set which nodes the plates' faces hold along z, and put those on the face.
 
     A free node beyond the plates' edge at rest is held where its local equilibrium, ``u + force /
@@ -274,10 +273,10 @@ def hold_between_faces(u, force, diagonal, free, plates, slack, contact, advance
     Returns
     -------
     int
-        Number of nodes whose state changed.
+        Number of nodes whose state changed, of each thread.
     """
-    changes = np.zeros(u.shape[0], np.int64)
-    for i in prange(1, u.shape[0] - 1):
+    changes = 0
+    for i in share(thread, 1, u.shape[0] - 1):
         lower = plates.lower if i > plates.edge else -np.inf
         upper = plates.upper if i > plates.edge else np.inf
         for j in range(1, u.shape[1] - 1):
@@ -291,20 +290,22 @@ def hold_between_faces(u, force, diagonal, free, plates, slack, contact, advance
                     else:
                         u[i, j, k] += advance * step
                     if after != before:
-                        changes[i] += 1
+                        changes += 1
                         contact[i, j, k] = after
-    return changes.sum()
+    return changes
 
 
 @contracting_parallel_kernel
-def hold_before_ends(u, uz, force, diagonal, free, plates, chest, slack, contact, advance=0.0):
+def hold_before_ends(
+    thread, u, uz, force, diagonal, free, plates, chest, slack, contact, advance=0.0
+):
     """Set which nodes the chest wall and the plates' ends hold along x; see `hold_between_faces`.
 
     `uz` is the displacement along z, and `chest` the x of the wall. `contact` becomes -1 (at the
     wall), 0 or 1 (at an end).
     """
-    changes = np.zeros(u.shape[0], np.int64)
-    for i in prange(1, u.shape[0] - 1):
+    changes = 0
+    for i in share(thread, 1, u.shape[0] - 1):
         for j in range(1, u.shape[1] - 1):
             for k in range(1, u.shape[2] - 1):
                 if free[i, j, k] > 0.0:
@@ -317,9 +318,9 @@ def hold_before_ends(u, uz, force, diagonal, free, plates, chest, slack, contact
                     else:
                         u[i, j, k] += advance * step
                     if after != before:
-                        changes[i] += 1
+                        changes += 1
                         contact[i, j, k] = after
-    return changes.sum()
+    return changes
 
 
 @inlined_kernel

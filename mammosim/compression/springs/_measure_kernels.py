@@ -1,13 +1,12 @@
 """Kernel of the volume of the lattice's cells, as the thesis' listing has it."""
 
 import numpy as np
-from numba import prange
 
-from mammosim._jit import parallel_kernel
+from mammosim._jit import parallel_kernel, share
 
 
 @parallel_kernel
-def cell_volumes(modulus, ux, uy, uz, out):
+def cell_volumes(thread, modulus, ux, uy, uz, out):
     """Per layer of x: number of cells of eight tissue nodes, their volume, and those inverted.
 
     A cell's volume is the product of the means of its four edges along each axis, in lattice
@@ -15,7 +14,7 @@ def cell_volumes(modulus, ux, uy, uz, out):
     (`volumeBugs` of the listing). `out` is [x, 3].
     """
     nx, ny, nz = modulus.shape
-    for i in prange(1, nx - 2):
+    for i in share(thread, 1, nx - 2):
         for j in range(1, ny - 2):
             for k in range(1, nz - 2):
                 tissue = True
@@ -43,13 +42,13 @@ def cell_volumes(modulus, ux, uy, uz, out):
 
 
 @parallel_kernel
-def held_columns(contact, ux, uy, side, place, touching):
+def held_columns(thread, contact, ux, uy, side, place, touching):
     """In-plane place of the outermost tissue node of each column a plate holds.
 
     `contact` is -1, 0 or 1; `side` chooses the plate. `place` is [x, y, 2], `touching` [x, y].
     """
     nx, ny, nz = contact.shape
-    for i in prange(nx):
+    for i in share(thread, 0, nx):
         for j in range(ny):
             for step in range(nz):
                 k = nz - 1 - step if side > 0 else step

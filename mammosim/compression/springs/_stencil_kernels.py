@@ -9,9 +9,8 @@ index lies half-way between two coarse ones (trilinear interpolation). Indices a
 """
 
 import numpy as np
-from numba import prange
 
-from mammosim._jit import contracting_kernel, inlined_kernel, sized_kernel
+from mammosim._jit import contracting_kernel, inlined_kernel, share, sized_kernel
 from mammosim.compression.springs._lattice_kernels import column_stiffness, visited
 
 _ONE = np.uint64(1)
@@ -41,9 +40,9 @@ def _product(stencil, u, i, j, k):
 
 
 @sized_kernel
-def stencil_residual(stencil, span, u, load, out):
+def stencil_residual(thread, stencil, span, u, load, out):
     """``out = load - A u``; no load if None. Only what `span` holds is visited."""
-    for layer in prange(1, u.shape[0] - 1):
+    for layer in share(thread, 1, u.shape[0] - 1):
         i = np.uint64(layer)
         for j in range(_ONE, np.uint64(u.shape[1] - 1)):
             first, last = visited(span, i, j, u.shape[2])
@@ -56,9 +55,9 @@ def stencil_residual(stencil, span, u, load, out):
 
 
 @sized_kernel
-def stencil_smooth(stencil, span, inverse_diagonal, u, load, keep, gain, direction, out):
+def stencil_smooth(thread, stencil, span, inverse_diagonal, u, load, keep, gain, direction, out):
     """``direction = keep direction + gain D^-1 (load - A u)``; ``out = u + direction``."""
-    for layer in prange(1, u.shape[0] - 1):
+    for layer in share(thread, 1, u.shape[0] - 1):
         i = np.uint64(layer)
         for j in range(_ONE, np.uint64(u.shape[1] - 1)):
             first, last = visited(span, i, j, u.shape[2])
@@ -70,9 +69,9 @@ def stencil_smooth(stencil, span, inverse_diagonal, u, load, keep, gain, directi
 
 
 @sized_kernel
-def restrict(fine, out):
+def restrict(thread, fine, out):
     """Transpose of the trilinear interpolation: fine residual to coarse load."""
-    for i in prange(1, out.shape[0] - 1):
+    for i in share(thread, 1, out.shape[0] - 1):
         row = np.zeros(max(fine.shape[2], 2 * out.shape[2]), fine.dtype)
         half = row.dtype.type(0.5)
         for j in range(1, out.shape[1] - 1):
@@ -99,9 +98,9 @@ def _gather_row(fine, i, j, row):
 
 
 @sized_kernel
-def add_interpolated(coarse, span, free, fine):
+def add_interpolated(thread, coarse, span, free, fine):
     """``fine += free * P coarse``."""
-    for i in prange(1, fine.shape[0] - 1):
+    for i in share(thread, 1, fine.shape[0] - 1):
         row = np.empty(coarse.shape[2], coarse.dtype)
         between = np.zeros(2 * coarse.shape[2], coarse.dtype)
         quarter, half = row.dtype.type(0.25), row.dtype.type(0.5)
@@ -127,16 +126,16 @@ def add_interpolated(coarse, span, free, fine):
 
 
 @sized_kernel
-def galerkin_of_lattice(springs, diagonal, free, span, out):
+def galerkin_of_lattice(thread, springs, diagonal, free, span, out):
     """Stencil of ``P^T A P`` on the first coarse level, A being the lattice among free nodes."""
-    for i in prange(1, out.shape[1] - 1):
+    for i in share(thread, 1, out.shape[1] - 1):
         _collapse_layer(springs, diagonal, free, span, i, out)
 
 
 @sized_kernel
-def galerkin_of_stencil(stencil, span, out):
+def galerkin_of_stencil(thread, stencil, span, out):
     """Stencil of ``P^T A P`` on the next coarse level."""
-    for i in prange(1, out.shape[1] - 1):
+    for i in share(thread, 1, out.shape[1] - 1):
         _collapse_layer(stencil, None, None, span, i, out)
 
 

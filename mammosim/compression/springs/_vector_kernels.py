@@ -1,15 +1,14 @@
 """Kernels of the conjugate gradients: sums a slab at a time, in one order for any thread count."""
 
 import numpy as np
-from numba import prange
 
-from mammosim._jit import sized_kernel
+from mammosim._jit import share, sized_kernel
 
 
 @sized_kernel
-def slab_dots(a, b, out):
+def slab_dots(thread, a, b, out):
     """``out[i] = sum of a[i] b[i]`` in double precision; along z last, so that rows add up fast."""
-    for i in prange(a.shape[0]):
+    for i in share(thread, 0, a.shape[0]):
         total = np.zeros(a.shape[2])
         for j in range(a.shape[1]):
             row_a, row_b = a[i, j], b[i, j]
@@ -19,9 +18,9 @@ def slab_dots(a, b, out):
 
 
 @sized_kernel
-def add_scaled(factor, a, out):
+def add_scaled(thread, factor, a, out):
     """``out += factor a``."""
-    for i in prange(out.shape[0]):
+    for i in share(thread, 0, out.shape[0]):
         for j in range(out.shape[1]):
             row_a, row = a[i, j], out[i, j]
             for k in range(row.size):
@@ -29,9 +28,9 @@ def add_scaled(factor, a, out):
 
 
 @sized_kernel
-def scale_and_add(factor, a, out):
+def scale_and_add(thread, factor, a, out):
     """``out = a + factor out``."""
-    for i in prange(out.shape[0]):
+    for i in share(thread, 0, out.shape[0]):
         for j in range(out.shape[1]):
             row_a, row = a[i, j], out[i, j]
             for k in range(row.size):
@@ -40,9 +39,9 @@ def scale_and_add(factor, a, out):
 
 
 @sized_kernel
-def slab_largest(a, out):
+def slab_largest(thread, a, out):
     """``out[i] = largest |a[i]|``."""
-    for i in prange(a.shape[0]):
+    for i in share(thread, 0, a.shape[0]):
         largest = np.zeros(a.shape[2], a.dtype)
         for j in range(a.shape[1]):
             row = a[i, j]
@@ -53,9 +52,9 @@ def slab_largest(a, out):
 
 
 @sized_kernel
-def scaled_twice(scale, a, factor, out, copy):
+def scaled_twice(thread, scale, a, factor, out, copy):
     """``out = copy = factor scale a``."""
-    for i in prange(out.shape[0]):
+    for i in share(thread, 0, out.shape[0]):
         for j in range(out.shape[1]):
             row_s, row_a, row, other = scale[i, j], a[i, j], out[i, j], copy[i, j]
             for k in range(row.size):
@@ -64,9 +63,9 @@ def scaled_twice(scale, a, factor, out, copy):
 
 
 @sized_kernel
-def masked_inverse(mask, a, out):
+def masked_inverse(thread, mask, a, out):
     """``out = mask / a``, 0 where a is not positive."""
-    for i in prange(out.shape[0]):
+    for i in share(thread, 0, out.shape[0]):
         for j in range(out.shape[1]):
             row_m, row_a, row = mask[i, j], a[i, j], out[i, j]
             for k in range(row.size):
@@ -74,9 +73,9 @@ def masked_inverse(mask, a, out):
 
 
 @sized_kernel
-def unheld_nodes(free, contact, out):
+def unheld_nodes(thread, free, contact, out):
     """``out = free`` where `contact` is 0, else 0."""
-    for i in prange(out.shape[0]):
+    for i in share(thread, 0, out.shape[0]):
         for j in range(out.shape[1]):
             row_f, row_c, row = free[i, j], contact[i, j], out[i, j]
             for k in range(row.size):

@@ -236,7 +236,7 @@ class _Axis:
         name: str,
         u: NDArray[np.float64],
         load: NDArray[np.float32] | None,
-        hold_nodes: Callable[..., int] | None,
+        hold_nodes: Callable[..., list[int]] | None,
     ) -> None:
         self.name, self.u, self.held, self.hold_nodes = name, u, 0, hold_nodes
         self._run, self._load, self._stale = run, load, False
@@ -293,7 +293,7 @@ class _Axis:
     def _look(self, force: NDArray[np.floating], advance: float = 0.0) -> int:
         assert self.hold_nodes is not None
         level = self._run.level
-        return int(self.hold_nodes(
+        return sum(self.hold_nodes(
             u=self.u, force=force, diagonal=level.diagonal, free=level.free,
             slack=SLACK * self._run.tolerance, contact=self._contact, advance=advance,
         ))  # fmt: skip

@@ -204,7 +204,7 @@ class _Axis:
     """
 
     def __init__(
-        self, name: str, u: NDArray[np.float64], hold_nodes: Callable[..., int] | None
+        self, name: str, u: NDArray[np.float64], hold_nodes: Callable[..., list[int]] | None
     ) -> None:
         self.name, self.u, self._hold_nodes = name, u, hold_nodes
         self.contact = np.zeros(u.shape if hold_nodes else (0, 0, 0), np.int8)
@@ -216,7 +216,7 @@ class _Axis:
         """Find the nodes that an obstacle holds; how many came or went."""
         if self._hold_nodes is None:
             return 0
-        changes = int(self._hold_nodes(
+        changes = sum(self._hold_nodes(
             u=self.u, force=force, diagonal=level.diagonal, free=level.free, slack=slack,
             contact=self.contact,
         ))  # fmt: skip

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import kernel, parallel_kernel
+from mammosim._jit import Thread, kernel, parallel_kernel, share
 from mammosim.phantom.anatomy._noise_kernels import gradient_noise, lobules
 
 SKIN_DEPTH, MUSCLE_DEPTH, POTENTIAL, WARP, SEPTUM = 0, 1, 2, 3, 6
@@ -217,12 +216,12 @@ def _beyond_cut(paint: Paint, y: float, z: float) -> bool:
 
 @parallel_kernel
 def sample_potential(
-    labels: NDArray[np.uint8], lattice: Lattice, texture: Texture, paint: Paint, stride: int,
-    out_potential: NDArray[np.float32], out_state: NDArray[np.uint8],
+    thread: Thread, labels: NDArray[np.uint8], lattice: Lattice, texture: Texture, paint: Paint,
+    stride: int, out_potential: NDArray[np.float32], out_state: NDArray[np.uint8],
 ) -> None:  # fmt: skip
     """Potential at every `stride`-th voxel, and what the voxel is whatever the threshold."""
     nx, ny, nz = out_potential.shape
-    for i in numba.prange(nx):
+    for i in share(thread, 0, nx):
         corner = np.empty(8)
         x = lattice.x_mm[i * stride]
         u = (x - lattice.coarse_origin_mm[0]) / lattice.coarse_mm
@@ -266,12 +265,12 @@ def _is_fat_plane(
 
 @parallel_kernel
 def paint_tissue(
-    labels: NDArray[np.uint8], lattice: Lattice, texture: Texture, paint: Paint
+    thread: Thread, labels: NDArray[np.uint8], lattice: Lattice, texture: Texture, paint: Paint
 ) -> None:
     """Give every voxel its label; tubes already there stay where they are inside the breast."""
     nx, ny, nz = labels.shape
     voxel = lattice.x_mm[1] - lattice.x_mm[0]
-    for i in numba.prange(nx):
+    for i in share(thread, 0, nx):
         corner = np.empty(8)
         x = lattice.x_mm[i]
         u = (x - lattice.coarse_origin_mm[0]) / lattice.coarse_mm
