@@ -15,6 +15,10 @@ loop that write to their neighbours' elements.
 Numba's own parallel loops are not used: each is compiled as a function of its own, three times over
 and in the function around it, which made the first run on a machine twice as long.
 
+To Numba each of Python's integers is a type of its own where it is written in a call: a function
+called with six of them is compiled six times, and once with ``np.intp``. And a copy between parts
+of arrays (``a[:n] = b[:n]``) brings two seconds of code that words its errors; a loop does not.
+
 `one_blas_thread` is for stages that call BLAS: its sums depend on how many threads share them.
 """
 

@@ -69,7 +69,7 @@ def test_tangent_is_the_derivative_of_the_force():
     expected = (ahead - behind) / (2 * step)
     out = np.zeros(u.shape, np.float32)
     moved = direction.astype(np.float32)
-    block_residual(tangent(body, u), body.node_span, moved, None, out)
+    block_residual(tangent(body, u), body.node_span, moved, np.zeros_like(moved), out)
     # Single precision: 27 x 3 products of up to 1e3.
     np.testing.assert_allclose(-out, expected, atol=1e-6 * np.abs(expected).max() * 81)
 
@@ -81,7 +81,7 @@ def test_convex_part_of_the_tangent_is_positive_even_where_elements_are_folded(s
     stencil, out = tangent(body, u, geometric=0.0), np.zeros(u.shape, np.float32)
     for _ in range(20):
         direction = (rng.standard_normal(u.shape) * body.nodes).astype(np.float32)
-        block_residual(stencil, body.node_span, direction, None, out)
+        block_residual(stencil, body.node_span, direction, np.zeros_like(direction), out)
         assert -(direction * out).sum() > 0.0
 
 

@@ -28,7 +28,7 @@ def rasterise_inverse(displacement, tissue, shift, tetrahedra, original, rank):
     for i in range(nx - 1):
         for j in range(ny - 1):
             for k in range(nz - 1):
-                nodes = 0
+                nodes = np.intp(0)
                 for n in range(8):
                     a, b, c = i + n // 4, j + (n // 2) % 2, k + n % 2
                     nodes += tissue[a, b, c]

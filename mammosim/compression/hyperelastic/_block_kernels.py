@@ -1,6 +1,8 @@
 """Kernels of symmetric 27-point stencils of 3 x 3 blocks: product, smoothing, Galerkin coarsening.
 
 The layout is that of `_tangent_kernels`; vectors are ``[3, x, y, z]`` with one empty layer around.
+Loops over a block's entries end where an array's shape says: the compiler would write out those
+whose end it knows, which takes it several times as long and is no faster.
 """
 
 import numpy as np
@@ -47,7 +49,7 @@ def _row_product(stencil, u, i, j, first, last, out):
 
 @sized_kernel
 def block_residual(thread, stencil, span, u, load, out):
-    """``out = load - A u``; no load if None."""
+    """``out = load - A u``."""
     for i in share(thread, 1, u.shape[1] - 1):
         product = np.empty((3, u.shape[3]), np.float32)
         for j in range(1, u.shape[2] - 1):
@@ -56,14 +58,9 @@ def block_residual(thread, stencil, span, u, load, out):
                 continue
             _row_product(stencil, u, i, j, first, last, product)
             for r in range(3):
-                source, target = product[r], out[r, i, j]
-                if load is None:
-                    for k in range(np.uint64(first), np.uint64(last)):
-                        target[k] = -source[k]
-                else:
-                    right = load[r, i, j]
-                    for k in range(np.uint64(first), np.uint64(last)):
-                        target[k] = right[k] - source[k]
+                source, right, target = product[r], load[r, i, j], out[r, i, j]
+                for k in range(np.uint64(first), np.uint64(last)):
+                    target[k] = right[k] - source[k]
 
 
 @sized_kernel
@@ -162,9 +159,9 @@ def hold(thread, stencil, free):
             for offset in range(14):
                 flat = offset + 13
                 di, dj, shift = flat // 9 - 1, (flat // 3) % 3 - 1, np.uint64(flat % 3)
-                for r in range(3):
+                for r in range(free.shape[0]):
                     own = free[r, i, j]
-                    for c in range(3):
+                    for c in range(free.shape[0]):
                         other, row = free[c, i + di, j + dj], stencil[i, j, 9 * offset + 3 * r + c]
                         for k in range(_ONE, np.uint64(row.size - 1)):
                             row[k] *= own[k] * other[k + shift - _ONE]
@@ -173,6 +170,7 @@ def hold(thread, stencil, free):
 @sized_kernel
 def galerkin_of_blocks(thread, stencil, span, out):
     """Stencil of ``P^T A P`` on the next coarse level, P being trilinear in each displacement."""
+    entries = stencil.shape[2] // 14
     for i in share(thread, 1, out.shape[0] - 1):
         half = np.empty((243, stencil.shape[3]), np.float32)
         row = np.empty((9, stencil.shape[3]), np.float32)
@@ -186,9 +184,9 @@ def galerkin_of_blocks(thread, stencil, span, out):
                         continue
                     if span[fi, fj, 0] < span[fi, fj, 1]:
                         touched = True
-                        _collapse_columns(stencil, fi, fj, ti, tj, row, half)
+                        _collapse_columns(stencil, entries, fi, fj, ti, tj, row, half)
             if touched:
-                _collapse_row(half, out[i, j])
+                _collapse_row(half, entries, out[i, j])
 
 
 @merged_kernel
@@ -198,7 +196,7 @@ def _weight(reach, step):
 
 
 @merged_kernel
-def _collapse_columns(stencil, fi, fj, ti, tj, row, half):
+def _collapse_columns(stencil, entries, fi, fj, ti, tj, row, half):
     """Add one fine row's part to the coarse neighbours (dx, dy), still fine along z.
 
     ``half[27 (3 (dx+1) + (dy+1)) + 9 (dz+1) + 3 r + c, k]``.
@@ -206,38 +204,38 @@ def _collapse_columns(stencil, fi, fj, ti, tj, row, half):
     own = (1.0 - 0.5 * abs(ti)) * (1.0 - 0.5 * abs(tj))
     for flat in range(27):
         di, dj = flat // 9 - 1, (flat // 3) % 3 - 1
-        _block_row(stencil, fi, fj, flat, row)
+        _block_row(stencil, entries, fi, fj, flat, row)
         for step_x in range(-1, 2):
             for step_y in range(-1, 2):
                 weight = np.float32(own * _weight(ti + di, step_x) * _weight(tj + dj, step_y))
                 if weight > 0.0:
                     first = 27 * (3 * (step_x + 1) + step_y + 1) + 9 * (flat % 3)
-                    for entry in range(9):
+                    for entry in range(entries):
                         target, source = half[first + entry], row[entry]
                         for k in range(_ONE, np.uint64(target.size - 1)):
                             target[k] += weight * source[k]
 
 
 @merged_kernel
-def _block_row(stencil, i, j, flat, out):
+def _block_row(stencil, entries, i, j, flat, out):
     """Blocks that couple a row of nodes to its neighbours `flat` of 27, ``out[3 r + c, k]``."""
     last = np.uint64(out.shape[1] - 1)
-    for r in range(3):
-        for c in range(3):
-            target = out[3 * r + c]
-            if flat >= 13:
-                source = stencil[i, j, 9 * (flat - 13) + 3 * r + c]
-                for k in range(_ONE, last):
-                    target[k] = source[k]
-            else:
-                di, dj, shift = flat // 9 - 1, (flat // 3) % 3 - 1, np.uint64(flat % 3)
-                source = stencil[i + di, j + dj, 9 * (13 - flat) + 3 * c + r]
-                for k in range(_ONE, last):
-                    target[k] = source[k + shift - _ONE]
+    for entry in range(entries):
+        r, c = entry // 3, entry % 3
+        target = out[entry]
+        if flat >= 13:
+            source = stencil[i, j, 9 * (flat - 13) + entry]
+            for k in range(_ONE, last):
+                target[k] = source[k]
+        else:
+            di, dj, shift = flat // 9 - 1, (flat // 3) % 3 - 1, np.uint64(flat % 3)
+            source = stencil[i + di, j + dj, 9 * (13 - flat) + 3 * c + r]
+            for k in range(_ONE, last):
+                target[k] = source[k + shift - _ONE]
 
 
 @merged_kernel
-def _collapse_row(half, out):
+def _collapse_row(half, entries, out):
     """Sum over fine z; store the 14 blocks of one coarse row, ``out[9 o + e, k]``."""
     fine = half.shape[1]
     for column in range(9):
@@ -250,7 +248,7 @@ def _collapse_row(half, out):
                     weight = np.float32((1.0 - 0.5 * abs(t)) * _weight(t + reach - 1, step - 1))
                     if weight == 0.0:
                         continue
-                    for entry in range(9):
+                    for entry in range(entries):
                         source = half[27 * column + 9 * reach + entry]
                         target = out[9 * offset + entry]
                         for k in range(1, out.shape[1] - 1):

@@ -16,13 +16,25 @@ a barrier against folding; the rest acts on the mean over the element, so that n
 
 import numpy as np
 
-from mammosim._jit import alternating_kernel, contracting_parallel_kernel, inlined_kernel, share
+from mammosim._jit import (
+    alternating_kernel,
+    contracting_parallel_kernel,
+    inlined_kernel,
+    merged_kernel,
+    share,
+)
 
 CENTRE_VOLUME = 2.0 / 3.0
 CORNER_VOLUME = 1.0 / 24.0
 
 TILE = 64
 """Elements of a row that are worked on together, from buffers that stay in the nearest cache."""
+
+LOW, HIGH = np.intp(0), np.intp(1)
+"""Side of an element along an axis."""
+
+NODE = tuple(np.intp(3 * node) for node in range(8))
+"""First of the three rows of each node's force."""
 
 _ONE = np.uint64(1)
 _SEED = np.int32(0x548C39CB)
@@ -182,7 +194,7 @@ def _sum(a, b, c):
     )
 
 
-@inlined_kernel
+@merged_kernel
 def _tile_forces(columns, shear, bulk, corner_weight, local_part, least, count, out):
     """Forces on the nodes of a tile of elements, the elements' energy, and their smallest J.
 
@@ -192,12 +204,12 @@ def _tile_forces(columns, shear, bulk, corner_weight, local_part, least, count, 
     centre_weight = 1.0 - 8.0 * corner_weight
     for k in range(np.uint64(0), np.uint64(count)):
         above = k + _ONE
-        x00, x01 = edge_x(columns, k, 0), edge_x(columns, above, 0)
-        x10, x11 = edge_x(columns, k, 1), edge_x(columns, above, 1)
-        y00, y01 = edge_y(columns, k, 0), edge_y(columns, above, 0)
-        y10, y11 = edge_y(columns, k, 1), edge_y(columns, above, 1)
-        z00, z01 = edge_z(columns, k, 0, 0), edge_z(columns, k, 0, 1)
-        z10, z11 = edge_z(columns, k, 1, 0), edge_z(columns, k, 1, 1)
+        x00, x01 = edge_x(columns, k, LOW), edge_x(columns, above, LOW)
+        x10, x11 = edge_x(columns, k, HIGH), edge_x(columns, above, HIGH)
+        y00, y01 = edge_y(columns, k, LOW), edge_y(columns, above, LOW)
+        y10, y11 = edge_y(columns, k, HIGH), edge_y(columns, above, HIGH)
+        z00, z01 = edge_z(columns, k, LOW, LOW), edge_z(columns, k, LOW, HIGH)
+        z10, z11 = edge_z(columns, k, HIGH, LOW), edge_z(columns, k, HIGH, HIGH)
         xm = mean_of_four(x00, x01, x10, x11)
         ym = mean_of_four(y00, y01, y10, y11)
         zm = mean_of_four(z00, z01, z10, z11)
@@ -230,14 +242,14 @@ def _tile_forces(columns, shear, bulk, corner_weight, local_part, least, count, 
         x00, x01, x10, x11 = _sum(xa, xf, xc), _sum(xb, xg, xc), _sum(xd, xh, xc), _sum(xe, xi, xc)
         y00, y01, y10, y11 = _sum(ya, yd, yc), _sum(yb, ye, yc), _sum(yf, yh, yc), _sum(yg, yi, yc)
         z00, z01, z10, z11 = _sum(za, zb, zc), _sum(zd, ze, zc), _sum(zf, zg, zc), _sum(zh, zi, zc)
-        _store(out, k, 0, -1.0, x00, -1.0, y00, -1.0, z00)
-        _store(out, k, 3, -1.0, x01, -1.0, y01, 1.0, z00)
-        _store(out, k, 6, -1.0, x10, 1.0, y00, -1.0, z01)
-        _store(out, k, 9, -1.0, x11, 1.0, y01, 1.0, z01)
-        _store(out, k, 12, 1.0, x00, -1.0, y10, -1.0, z10)
-        _store(out, k, 15, 1.0, x01, -1.0, y11, 1.0, z10)
-        _store(out, k, 18, 1.0, x10, 1.0, y10, -1.0, z11)
-        _store(out, k, 21, 1.0, x11, 1.0, y11, 1.0, z11)
+        _store(out, k, NODE[0], -1.0, x00, -1.0, y00, -1.0, z00)
+        _store(out, k, NODE[1], -1.0, x01, -1.0, y01, 1.0, z00)
+        _store(out, k, NODE[2], -1.0, x10, 1.0, y00, -1.0, z01)
+        _store(out, k, NODE[3], -1.0, x11, 1.0, y01, 1.0, z01)
+        _store(out, k, NODE[4], 1.0, x00, -1.0, y10, -1.0, z10)
+        _store(out, k, NODE[5], 1.0, x01, -1.0, y11, 1.0, z10)
+        _store(out, k, NODE[6], 1.0, x10, 1.0, y10, -1.0, z11)
+        _store(out, k, NODE[7], 1.0, x11, 1.0, y11, 1.0, z11)
 
 
 @inlined_kernel
@@ -257,6 +269,14 @@ def pack(u, i, j, first, count, columns):
             target[k] = source[np.uint64(first) + k]
 
 
+@inlined_kernel
+def pack_moduli(shear, bulk, i, j, first, count, moduli):
+    """Shear and bulk modulus of a tile of elements."""
+    for k in range(count):
+        moduli[0, k] = shear[i, j, first + k]
+        moduli[1, k] = bulk[i, j, first + k]
+
+
 @alternating_kernel
 def energy_and_forces(
     thread, u, shear, bulk, span, corner_weight, local_part, least, out_force, out_layers
@@ -273,8 +293,7 @@ def energy_and_forces(
             for first in range(span[i, j, 0], span[i, j, 1], TILE):
                 count = min(TILE, span[i, j, 1] - first)
                 pack(u, i, j, first, count, columns)
-                moduli[0, :count] = shear[i, j, first : first + count]
-                moduli[1, :count] = bulk[i, j, first : first + count]
+                pack_moduli(shear, bulk, i, j, first, count, moduli)
                 _tile_forces(
                     columns, moduli[0], moduli[1], corner_weight, local_part, least, count, rows
                 )
@@ -301,11 +320,12 @@ def element_volumes(thread, u, span, out_volume, out_smallest):
                 count = min(TILE, span[i, j, 1] - first)
                 pack(u, i, j, first, count, columns)
                 _tile_volumes(columns, count, volume, smallest)
-                out_volume[i, j, first : first + count] = volume[:count]
-                out_smallest[i, j, first : first + count] = smallest[:count]
+                for k in range(count):
+                    out_volume[i, j, first + k] = volume[k]
+                    out_smallest[i, j, first + k] = smallest[k]
 
 
-@inlined_kernel
+@merged_kernel
 def _tile_volumes(columns, count, volume, smallest):
     """Volume and smallest J of the elements of a tile."""
     for k in range(np.uint64(0), np.uint64(count)):

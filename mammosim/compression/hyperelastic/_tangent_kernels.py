@@ -2,12 +2,19 @@
 
 ``stencil[x, y, 9 o + 3 r + c, z]`` couples displacement r of a node to displacement c of its
 neighbour o, one of the 14 from the node itself onwards in the order ``9 (dx+1) + 3 (dy+1) +
-(dz+1)``; the other 13 blocks are the transposes of those of the neighbours.
+(dz+1)``; the other 13 blocks are the transposes of those of the neighbours. Loops over the nine
+entries of a block end where the stencil's shape says, as in `_block_kernels`.
 """
 
 import numpy as np
 
-from mammosim._jit import alternating_kernel, contracting_kernel, inlined_kernel, share
+from mammosim._jit import (
+    alternating_kernel,
+    contracting_kernel,
+    inlined_kernel,
+    merged_kernel,
+    share,
+)
 from mammosim.compression.hyperelastic._element_kernels import (
     CENTRE_VOLUME,
     CORNER_VOLUME,
@@ -15,10 +22,18 @@ from mammosim.compression.hyperelastic._element_kernels import (
     cross,
     determinant,
     pack,
+    pack_moduli,
     squared,
     volume_factor,
     volume_penalty,
 )
+
+X, Y, Z = np.intp(0), np.intp(3), np.intp(6)
+"""First of the three rows of a vector along each edge."""
+
+XX, XY, XZ, YY, YZ, ZZ = (np.intp(first) for first in range(0, 54, 9))
+"""First of the nine rows of each block of a point's second derivative.
+"""
 
 
 @contracting_kernel
@@ -48,11 +63,11 @@ def _add_volume(edges, weight, count, signs, volume, gradient):
     """Add a point's part of the volume, and of its derivative by node n, ``gradient[3 n + d]``."""
     cofactors = np.empty((9, TILE), np.float32)
     for k in range(np.uint64(0), np.uint64(count)):
-        x, y, z = _vector(edges, 0, k), _vector(edges, 3, k), _vector(edges, 6, k)
+        x, y, z = _vector(edges, X, k), _vector(edges, Y, k), _vector(edges, Z, k)
         volume[k] += weight * determinant(x, y, z)
-        _store(cofactors, 0, k, cross(y, z))
-        _store(cofactors, 3, k, cross(z, x))
-        _store(cofactors, 6, k, cross(x, y))
+        _store(cofactors, X, k, cross(y, z))
+        _store(cofactors, Y, k, cross(z, x))
+        _store(cofactors, Z, k, cross(x, y))
     for node in range(8):
         for i in range(3):
             if signs[node, i] != 0.0:
@@ -117,7 +132,7 @@ def _point_hessian(
     """
     half = np.float32(0.5)
     for k in range(np.uint64(0), np.uint64(count)):
-        x, y, z = _vector(edges, 0, k), _vector(edges, 3, k), _vector(edges, 6, k)
+        x, y, z = _vector(edges, X, k), _vector(edges, Y, k), _vector(edges, Z, k)
         cx, cy, cz = cross(y, z), cross(z, x), cross(x, y)
         volume = determinant(x, y, z)
         factor, slope, curvature = volume_factor(volume, least)
@@ -132,22 +147,22 @@ def _point_hessian(
             + half * modulus * invariant * np.float32(slope)
         )
         b = modulus * min(np.float32(-slope), np.float32(np.sqrt(0.5 * factor * curvature)))
-        _block(out, 0, k, a, b, cx, cx, x, x)
-        _block(out, 9, k, a, b, cx, cy, x, y)
-        _block(out, 18, k, a, b, cx, cz, x, z)
-        _block(out, 27, k, a, b, cy, cy, y, y)
-        _block(out, 36, k, a, b, cy, cz, y, z)
-        _block(out, 45, k, a, b, cz, cz, z, z)
-        _add_diagonal(out, 0, k, scale)
-        _add_diagonal(out, 27, k, scale)
-        _add_diagonal(out, 45, k, scale)
-        _add_skew(out, 9, k, (-s * z[0], -s * z[1], -s * z[2]))
-        _add_skew(out, 18, k, (s * y[0], s * y[1], s * y[2]))
-        _add_skew(out, 36, k, (-s * x[0], -s * x[1], -s * x[2]))
+        _block(out, XX, k, a, b, cx, cx, x, x)
+        _block(out, XY, k, a, b, cx, cy, x, y)
+        _block(out, XZ, k, a, b, cx, cz, x, z)
+        _block(out, YY, k, a, b, cy, cy, y, y)
+        _block(out, YZ, k, a, b, cy, cz, y, z)
+        _block(out, ZZ, k, a, b, cz, cz, z, z)
+        _add_diagonal(out, XX, k, scale)
+        _add_diagonal(out, YY, k, scale)
+        _add_diagonal(out, ZZ, k, scale)
+        _add_skew(out, XY, k, (-s * z[0], -s * z[1], -s * z[2]))
+        _add_skew(out, XZ, k, (s * y[0], s * y[1], s * y[2]))
+        _add_skew(out, YZ, k, (-s * x[0], -s * x[1], -s * x[2]))
 
 
-@contracting_kernel
-def _node_rows(hessian, signs, node, count, out):
+@merged_kernel
+def _node_rows(hessian, signs, node, entries, count, out):
     """``out[9 j + 3 r + c] = sum_i signs[node, i] H_ij[r, c]``, half of B^T H B for a node."""
     out[:, :count] = np.float32(0.0)
     for i in range(3):
@@ -157,22 +172,21 @@ def _node_rows(hessian, signs, node, count, out):
         for j in range(3):
             low, high = min(i, j), max(i, j)
             first = 9 * (3 * low - (low * (low - 1)) // 2 + high - low)
-            for r in range(3):
-                for c in range(3):
-                    source = hessian[first + (3 * r + c if i <= j else 3 * c + r)]
-                    target = out[9 * j + 3 * r + c]
-                    for k in range(np.uint64(0), np.uint64(count)):
-                        target[k] += sign * source[k]
+            for entry in range(entries):
+                source = hessian[first + (entry if i <= j else 3 * (entry % 3) + entry // 3)]
+                target = out[9 * j + entry]
+                for k in range(np.uint64(0), np.uint64(count)):
+                    target[k] += sign * source[k]
 
 
 @contracting_kernel
 def _add_pairs(hessian, signs, count, i, j, first, stencil):
     """Add B^T H B of one point to the stencils of the element's nodes."""
-    half = np.empty((27, TILE), np.float32)
+    half, entries = np.empty((27, TILE), np.float32), stencil.shape[2] // 14
     for node in range(8):
         if signs[node, 0] == 0.0 and signs[node, 1] == 0.0 and signs[node, 2] == 0.0:
             continue
-        _node_rows(hessian, signs, node, count, half)
+        _node_rows(hessian, signs, node, entries, count, half)
         shift = np.uint64(first + node % 2)
         for other in range(node, 8):
             sx = np.float32(signs[other, 0])
@@ -182,7 +196,7 @@ def _add_pairs(hessian, signs, count, i, j, first, stencil):
                 continue
             offset = _offset(node, other)
             rows = stencil[i + node // 4, j + (node // 2) % 2]
-            for entry in range(9):
+            for entry in range(entries):
                 target = rows[9 * offset + entry]
                 px, py, pz = half[entry], half[9 + entry], half[18 + entry]
                 for k in range(np.uint64(0), np.uint64(count)):
@@ -196,7 +210,7 @@ def _add_volume_pairs(gradient, bulk, count, i, j, first, stencil):
         shift = np.uint64(first + node % 2)
         for other in range(node, 8):
             rows = stencil[i + node // 4, j + (node // 2) % 2]
-            for entry in range(9):
+            for entry in range(stencil.shape[2] // 14):
                 target = rows[9 * _offset(node, other) + entry]
                 left, right = gradient[3 * node + entry // 3], gradient[3 * other + entry % 3]
                 for k in range(np.uint64(0), np.uint64(count)):
@@ -252,7 +266,7 @@ def _point_edges(columns, point, count, signs, edges, corner):
                 target[k] += quarter * source[k]
 
 
-@contracting_kernel
+@merged_kernel
 def _tile_tangent(
     columns, shear, bulk, corner_weight, local_part, least, geometric, i, j, first, count, stencil
 ):
@@ -294,8 +308,7 @@ def tangent_stencil(thread, u, shear, bulk, span, corner_weight, local_part, lea
             for first in range(span[i, j, 0], span[i, j, 1], TILE):
                 count = min(TILE, span[i, j, 1] - first)
                 pack(u, i, j, first, count, columns)
-                moduli[0, :count] = shear[i, j, first : first + count]
-                moduli[1, :count] = bulk[i, j, first : first + count]
+                pack_moduli(shear, bulk, i, j, first, count, moduli)
                 _tile_tangent(
                     columns, moduli[0], moduli[1], corner_weight, local_part, least,
                     geometric, i, j, first, count, out,

@@ -26,7 +26,7 @@ SMOOTHINGS = 3
 POWER_STEPS = 8
 """Of the power iteration for the largest eigenvalue."""
 
-_WORK = ("correction", "direction", "image")
+_WORK = ("correction", "direction", "image", "nothing")
 
 Field = NDArray[np.float32]
 
@@ -50,17 +50,18 @@ class BlockLevel:
         free = np.stack([inverse[:, :, e] > 0.0 for e in (0, 3, 5)]).astype(np.float32)
         return cls(stencil, span, inverse, free)
 
-    def residual(self, u: Field, load: Field | None, out: Field) -> None:
+    def residual(self, u: Field, load: Field, out: Field) -> None:
         """``out = load - A u``."""
         blocks.block_residual(self.stencil, self.span, u, load, out)
 
     def largest_eigenvalue(self) -> float:
         """Of D^-1 A, by power iteration from a rough vector; 15 % more than it finds."""
         vector = self.free * np.random.default_rng(0).standard_normal(self.free.shape, np.float32)
-        image, scaled, value = np.zeros_like(self.free), np.zeros_like(self.free), 1.0
+        image, scaled, nothing = (np.zeros_like(self.free) for _ in range(3))
+        value = 1.0
         for _ in range(POWER_STEPS):
             vector /= np.float32(max(float(np.abs(vector).max()), 1e-30))
-            self.residual(vector, None, image)
+            self.residual(vector, nothing, image)
             blocks.block_scaled(self.inverse, self.span, image, np.float32(-1.0), scaled)
             value = float(np.linalg.norm(scaled)) / max(float(np.linalg.norm(vector)), 1e-30)
             vector, scaled = scaled, vector
@@ -210,7 +211,7 @@ def conjugate_gradients(
     work = [multigrid.workspace.array(name, force.shape) for name in _WORK]
     for array in work:
         array.fill(0.0)
-    correction, direction, image = (array.reshape(shape) for array in work)
+    correction, direction, image, _ = (array.reshape(shape) for array in work)
     force_rows, previous, first = force.reshape(shape), 0.0, 0.0
     for iteration in range(max_iterations + 1):
         guess = multigrid.precondition(force).reshape(shape)
@@ -220,7 +221,7 @@ def conjugate_gradients(
             return work[0], True, iteration
         ratio = product / previous if iteration else 0.0
         vectors.scale_and_add(np.float32(ratio), guess, direction)
-        multigrid.levels[0].residual(work[1], None, work[2])  # image = -A direction
+        multigrid.levels[0].residual(work[1], work[3], work[2])  # image = -A direction
         curvature = -vectors.dot(direction, image)
         if product < 0.0 or curvature <= 0.0:
             break

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mammosim._jit import Thread, kernel, parallel_kernel, share
 from mammosim.phantom.anatomy._noise_kernels import gradient_noise, lobules
 
-SKIN_DEPTH, MUSCLE_DEPTH, POTENTIAL, WARP, SEPTUM = 0, 1, 2, 3, 6
+SKIN_DEPTH, MUSCLE_DEPTH, POTENTIAL, WARP, SEPTUM = (np.intp(n) for n in (0, 1, 2, 3, 6))
 """Channels of the coarse fields; WARP takes three."""
 
 CHANNELS = 7
