@@ -52,6 +52,43 @@ def test_more_attenuation_is_brighter(place):
     assert np.all(np.diff(shown) > 0)
 
 
+def with_nipple(attenuation, inside):
+    """The same with a nipple of 10 mm (0.08 per mm, gland) that stands out by 9 mm, and where."""
+    row, tip = SHAPE[0] // 2, int((50.0 + 9.0) / PIXEL_MM)
+    nipple = np.zeros(SHAPE, bool)
+    nipple[row - 25 : row + 25, tip - 75 : tip] = True
+    return np.where(nipple, np.maximum(np.float32(0.8), attenuation), attenuation), nipple
+
+
+def test_a_nipple_is_as_grey_as_what_it_stands_on():
+    attenuation, inside, _ = compressed_breast()
+    changed, nipple = with_nipple(attenuation, inside)
+    pixels = present(changed, PIXEL_MM).pixels
+    row = SHAPE[0] // 2
+    free = nipple & (distance_transform_edt(nipple & ~inside) * PIXEL_MM > 3.0)
+    assert pixels[free].min() > 0.15 * MAXIMUM
+    assert pixels[free].max() < 0.45 * MAXIMUM
+    # along the axis, out of the breast: no gap, though the step at the base stays
+    middle = distance_transform_edt(nipple | inside)[row] * PIXEL_MM > 3.0
+    shown = pixels[row, middle & (np.arange(SHAPE[1]) > 200)]
+    assert shown.min() > 0.05 * MAXIMUM
+    assert shown.max() < 0.45 * MAXIMUM
+    bare = present(attenuation, PIXEL_MM).pixels.astype(int)
+    # the margin's profile is averaged along the edge, with a Gaussian of 12 mm
+    far = np.hypot(*(np.indices(SHAPE) - [[[row]], [[250]]])) * PIXEL_MM > 40.0
+    assert np.abs(pixels[far] - bare[far]).max() < 0.01 * MAXIMUM
+
+
+def test_more_attenuation_in_the_nipple_is_brighter():
+    changed, _ = with_nipple(*compressed_breast()[:2])
+    shown = []
+    for extra in (0.0, 0.05, 0.1, 0.2):
+        dotted = changed.copy()
+        dotted[348:353, 265:270] += extra
+        shown.append(int(present(dotted, PIXEL_MM).pixels[350, 267]))
+    assert np.all(np.diff(shown) > 0)
+
+
 def test_details_keep_their_contrast_in_the_margin():
     """A calcification 6 mm under the skin shows as strongly as one in the middle."""
     attenuation, _, depth = compressed_breast()

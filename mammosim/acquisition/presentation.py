@@ -16,12 +16,20 @@ AIR_LEVEL = 0.04  # attenuation (ln) that tells tissue from air: half a millimet
 CONTOUR_SIGMA_MM = 1.5  # distances are smoothed by it: the edge of the mask is a staircase
 MARGIN_MM = 30.0  # the breast is at full thickness this far from its edge at the latest
 FULL_MARGIN_MM = 20.0  # between this depth and that, equalisation fades out
-LOCAL_SIGMA_MM = 3.0  # what is thinner than the margin's profile on this scale (nipple, folds)
+LOCAL_SIGMA_MM = 3.0  # what is thinner than the margin's profile on this scale (folds)
 LOCAL_DEPTH_MM = 15.0  # is looked at on its own up to this depth
+OUTLINE_RADIUS_MM = (
+    10.0  # what no disc of this radius reaches stands out from the outline: a nipple
+)
+LEAST_NIPPLE_MM = 2.0  # by at least so much
+NIPPLE_BASE_MM = 2.5  # so far into the breast goes its base, where the margin has no skin line
+NIPPLE_SIGMA_MM = (
+    1.5  # its own attenuation on this scale, and the width of its border to the breast
+)
 RING_MM = 2.0  # the margin's profile is taken in rings of equal depth this wide
 ALONG_EDGE_SIGMA_MM = 12.0  # and along the edge on this scale
 PROFILE_QUANTILE = 0.30  # fat between gland: what the margin is equalised by
-STRENGTH = 0.90  # part of the missing thickness that is made up
+STRENGTH = 0.90  # part of the margin's missing thickness that is made up; of the nipple's, all
 SKIN_RAMP_MM = 2.5  # over which equalisation sets in, so that the skin line stands against air
 # Dense breasts have little pure fat, but some; a thin spot at the chest wall is no fat's level.
 FAT_QUANTILE, GLAND_QUANTILE = 0.08, 0.99
@@ -69,10 +77,11 @@ def present(attenuation: NDArray[np.float32], pixel_mm: float) -> Presentation:
     -----
     Around the margin, where the breast is thinner than the gap, the missing attenuation is
     estimated from the distance to the breast's edge (the profile of fat, rising to its plateau)
-    and added back; near the edge, what is thinner still (the nipple) from its neighbourhood. What
-    is added is smooth, so details keep their contrast, and at any one place more attenuation is
-    always brighter. Nothing but the image is used, as in a scanner's software. Where gland
-    reaches the skin along most of the edge, the profile takes it for fat.
+    and added back; near the edge, what is thinner still (between folds) from its neighbourhood, and
+    what stands out from the outline (the nipple) from itself. What is added is smooth, so details
+    keep their contrast, and at any one place more attenuation is always brighter. Nothing but the
+    image is used, as in a scanner's software. Where gland reaches the skin along most of the edge,
+    the profile takes it for fat.
     """
     cell = cell_pixels(CELL_MM, pixel_mm)
     coarse = block_mean(attenuation, cell)
@@ -80,8 +89,9 @@ def present(attenuation: NDArray[np.float32], pixel_mm: float) -> Presentation:
     if not breast.any():
         return Presentation(np.zeros(attenuation.shape, np.uint16), (MAXIMUM + 1) / 2, MAXIMUM + 1)
     cell_mm = cell * pixel_mm
-    depth_mm = _signed_depth(breast, CONTOUR_SIGMA_MM / cell_mm) * cell_mm
-    added = _missing_attenuation(coarse, breast, depth_mm, cell_mm)
+    body = _without_nipple(breast, cell_mm)
+    depth_mm = _signed_depth(body, CONTOUR_SIGMA_MM / cell_mm) * cell_mm
+    added = _missing_attenuation(coarse, breast, body, depth_mm, cell_mm)
     low, high = _levels((coarse + added)[depth_mm > LEVELS_DEPTH_MM], (coarse + added)[breast])
     pixels = np.empty(attenuation.shape, np.uint16)
     present_kernel(attenuation, added, float(cell), low, high, BENDS, float(MAXIMUM), pixels)
@@ -113,22 +123,60 @@ def _signed_depth(breast: NDArray[np.bool_], sigma_cells: float) -> NDArray[np.f
     return smooth
 
 
+def _without_nipple(breast: NDArray[np.bool_], cell_mm: float) -> NDArray[np.bool_]:
+    """The breast without what stands out from its rounded outline; the image's border is none."""
+    wide = int(np.ceil(OUTLINE_RADIUS_MM / cell_mm)) + 1
+    padded = np.pad(breast, wide, mode="edge")
+    if padded.all():
+        return breast
+    core = ndimage.distance_transform_edt(padded) > wide
+    if not core.any():  # a breast narrower than the disc
+        return breast
+    beyond = ndimage.distance_transform_edt(~core)[wide:-wide, wide:-wide] - wide
+    labels, count = ndimage.label(breast & (beyond > 0.0))
+    far = ndimage.maximum(beyond * cell_mm, labels, np.arange(1, count + 1))
+    nipples = 1 + np.flatnonzero(np.asarray(far) >= LEAST_NIPPLE_MM)
+    body: NDArray[np.bool_] = breast & ~np.isin(labels, nipples)
+    return body
+
+
 def _missing_attenuation(
     coarse: NDArray[np.float64],
     breast: NDArray[np.bool_],
+    body: NDArray[np.bool_],
     depth_mm: NDArray[np.float64],
     cell_mm: float,
 ) -> NDArray[np.float64]:
-    """What the margin lacks against the plateau, ln units, on the coarse grid; 0 in air."""
-    expected, plateau = _fat_profile(coarse, breast, depth_mm, cell_mm)
+    """What margin and nipple lack against the plateau, ln units, on the coarse grid; 0 in air."""
+    expected, plateau = _fat_profile(coarse, body, depth_mm, cell_mm)
     sigma = LOCAL_SIGMA_MM / cell_mm
-    local = _local_mean(coarse, breast, _nearness(breast, sigma), sigma)
+    local = _local_mean(coarse, body, _nearness(body, sigma), sigma)
     shallow = np.clip(2.0 - depth_mm / LOCAL_DEPTH_MM, 0.0, 1.0)
     thinner = shallow * np.maximum(expected - local, 0.0)
-    lacking = STRENGTH * np.maximum(plateau - expected + thinner, 0.0)
-    set_in = _smooth_step(depth_mm / SKIN_RAMP_MM)
     fade = _smooth_step((MARGIN_MM - depth_mm) / (MARGIN_MM - FULL_MARGIN_MM))
-    return np.where(breast, lacking * set_in * fade, 0.0)
+    lacking = STRENGTH * np.maximum(plateau - expected + thinner, 0.0) * fade
+    if not body[breast].all():
+        lacking = _with_nipple(lacking, coarse, breast, body, plateau, cell_mm)
+        depth_mm = _signed_depth(breast, CONTOUR_SIGMA_MM / cell_mm) * cell_mm
+    return np.where(breast, lacking * _smooth_step(depth_mm / SKIN_RAMP_MM), 0.0)
+
+
+def _with_nipple(
+    lacking: NDArray[np.float64],
+    coarse: NDArray[np.float64],
+    breast: NDArray[np.bool_],
+    body: NDArray[np.bool_],
+    plateau: float,
+    cell_mm: float,
+) -> NDArray[np.float64]:
+    """What margin and nipple lack, of which the nipple lacks all but what it has on average."""
+    from_nipple_mm = ndimage.distance_transform_edt(body | ~breast) * cell_mm
+    nipple = breast & (from_nipple_mm <= NIPPLE_BASE_MM)
+    sigma = NIPPLE_SIGMA_MM / cell_mm
+    near = _nearness(nipple, sigma)
+    own = _local_mean(coarse, nipple, near, sigma)
+    share = near / _nearness(breast, sigma)
+    return lacking + share * (np.maximum(plateau - own, 0.0) - lacking)
 
 
 def _smooth_step(place: NDArray[np.float64]) -> NDArray[np.float64]:
