@@ -108,7 +108,7 @@ def disturbed(description) -> Path:
     cohort = load_cohort(description)
     processes, address = start_cluster(description.parent)
     patient = pytest.MonkeyPatch()
-    patient.setattr("mammosim.cohort.cluster.CONNECT_S", 3.0)
+    patient.setattr("mammosim.cohort.cluster.CONNECT_S", 10.0)
     try:
         stop_when(lambda: finished(folder) >= 1, processes[0])
         with pytest.raises(Interrupted, match=r"the scheduler does not answer any more"):
