@@ -154,7 +154,7 @@ def test_uncompiled_kernels_give_the_same(tmp_path):
         [sys.executable, "-c", script, os.path.dirname(__file__), str(out)],
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
         check=True,
-        timeout=120,
+        timeout=600,
     )
     breast = warped_breast()
     paths = project(breast, pixel_mm=2.0, detector_mm=[38.0, 24.0])
