@@ -25,14 +25,16 @@ of arrays (``a[:n] = b[:n]``) brings two seconds of code that words its errors; 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from functools import cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
 import llvmlite.binding
 import numba
 import numpy as np
+from numba.core.event import Event, Listener, install_listener
 from threadpoolctl import threadpool_limits
 
 Arguments = ParamSpec("Arguments")
@@ -158,6 +160,32 @@ def _threads() -> ThreadPoolExecutor:
 
 if hasattr(os, "register_at_fork"):  # a fork has none of its parent's threads
     os.register_at_fork(after_in_child=_threads.cache_clear)
+
+
+@contextmanager
+def watch_compiling(tell: Callable[[str | None], None]) -> Iterator[None]:
+    """Tell of every kernel that has to be compiled: its name, and None when it is there.
+
+    What is loaded from the cache on disk, and what is compiled as a part of another kernel, is not
+    told of. Kernels are compiled one at a time, on whichever thread comes first.
+    """
+    with install_listener("numba:compile", _Watch(tell)):
+        yield
+
+
+class _Watch(Listener):
+    def __init__(self, tell: Callable[[str | None], None]) -> None:
+        self._tell, self._depth = tell, 0
+
+    def on_start(self, event: Event) -> None:
+        if self._depth == 0:
+            self._tell(event.data["dispatcher"].py_func.__name__)
+        self._depth += 1
+
+    def on_end(self, event: Event) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self._tell(None)
 
 
 def one_blas_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

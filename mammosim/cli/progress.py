@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from math import isfinite
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -10,43 +10,71 @@ from typing import TYPE_CHECKING, Any
 from mammosim.cli.terminal import err
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 SECONDS_A_LINE = 30.0
 """Between two lines of a stage's progress where there is no terminal."""
 
 
+COMPILING = "compiling kernels, once on this machine (about a minute in all)"
+
+
 @contextmanager
 def progress() -> Iterator[Any]:
     """Show stages: a moving line on a terminal, plain lines now and then elsewhere."""
-    began = monotonic()
-    if not err.is_terminal:
-        last_line = monotonic()
+    from mammosim._jit import watch_compiling  # here, as Numba takes a while to load
 
-        def log(view: str, stage: str, row: Any) -> None:
-            nonlocal began, last_line
-            where = f"{view + ': ' if view else ''}{stage}"
+    with _moving_line() if err.is_terminal else nullcontext(_line_now_and_then()) as show:
+        where, began = "starting", monotonic()
+        explained = False
+
+        def tell(view: str, stage: str, row: Any) -> None:
+            nonlocal where, began, explained
             if row is None:
-                began = last_line = monotonic()
-                err.print(where, highlight=False)
-            elif monotonic() - last_line > SECONDS_A_LINE:
-                last_line = monotonic()
-                err.print(f"{where}: {row_text(row, last_line - began)}", highlight=False)
+                where, began, explained = (
+                    f"{view + ': ' if view else ''}{stage}",
+                    monotonic(),
+                    False,
+                )
+                show(where, at_once=True)
+            else:
+                show(f"{where}: {row_text(row, monotonic() - began)}")
 
-        yield log
-        return
+        def tell_compiling(kernel: str | None) -> None:
+            nonlocal explained
+            if kernel is not None:
+                show(f"{where}: {COMPILING}: {kernel}", at_once=not explained)
+                explained = True
+            elif err.is_terminal:
+                show(where)
+
+        with watch_compiling(tell_compiling):
+            yield tell
+
+
+@contextmanager
+def _moving_line() -> Iterator[Callable[..., None]]:
+    """Show a text in place of the one before."""
     with err.status("starting") as status:
 
-        def show(view: str, stage: str, row: Any) -> None:
-            nonlocal began
-            where = f"[bold]{view}[/] " if view else ""
-            if row is None:
-                began = monotonic()
-                status.update(f"{where}{stage}")
-            else:
-                status.update(f"{where}{stage}: {row_text(row, monotonic() - began)}")
+        def show(text: str, at_once: bool = False) -> None:
+            view, colon, stage = text.partition(": ")
+            status.update(f"[bold]{view}[/]{colon}{stage}")
 
         yield show
+
+
+def _line_now_and_then() -> Callable[..., None]:
+    """Print a text at once, or if nothing was printed for a while."""
+    last_line = monotonic()
+
+    def show(text: str, at_once: bool = False) -> None:
+        nonlocal last_line
+        if at_once or monotonic() - last_line > SECONDS_A_LINE:
+            last_line = monotonic()
+            err.print(text, highlight=False)
+
+    return show
 
 
 def row_text(row: Any, seconds: float) -> str:
