@@ -93,7 +93,7 @@ def merged_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Make a step with fused multiply-add part of a kernel's own source.
 
     It is compiled once with the kernel instead of by itself and again in every caller; for steps
-    that are called in one place.
+    that are called in one or two places.
     """
     return numba.njit(inline="always", fastmath={"contract"}, **_OPTIONS)(function)
 
