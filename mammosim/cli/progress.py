@@ -16,7 +16,7 @@ SECONDS_A_LINE = 30.0
 """Between two lines of a stage's progress where there is no terminal."""
 
 
-COMPILING = "compiling kernels, once on this machine (about a minute in all)"
+COMPILING = "compiling, once on a machine, a minute in all"
 """45 s for the example on two cores, 25 to 30 s of it where the first view is compressed."""
 
 
