@@ -34,6 +34,10 @@ COMPILER_BYTES = 8e8
 
 SECONDS_A_VOXEL = {"file": 4e-8, "generate": 4e-7}
 SECONDS_A_NODE = {"multigrid": 6e-6, "relaxation": 2e-3, "hyperelastic": 8e-5}
+SECONDS_A_COMPRESSION = {"hyperelastic": 6.0}
+"""Beside those a node: bodies of some ten thousand elements take as many Newton steps as large ones,
+and threads hardly share them (measured with benchmarks/biopsy_shift.py --samples)."""
+
 SECONDS_A_PIXEL = 2.5e-6
 
 
@@ -65,9 +69,9 @@ def make_plan(config: RunConfig) -> Plan:
             nodes = voxels * voxel_volume_mm3 / compression.resolution_mm**3
             lattice_bytes = nodes * BYTES_A_NODE[compression.model]
             springs = compression.model == "springs"
-            seconds += nodes * SECONDS_A_NODE[compression.solver if springs else "hyperelastic"]
+            seconds += _seconds(compression.solver if springs else "hyperelastic", nodes)
             again = "multigrid" if springs else "hyperelastic"
-            seconds += nodes * SECONDS_A_NODE[again] * _more_compressions(config)
+            seconds += _seconds(again, nodes) * _more_compressions(config)
         height, width = projection.detector_mm or (240.0, 180.0)
         pixels = height * width / projection.pixel_mm**2
         count = view.dbt.projections if view.dbt else 1
@@ -81,6 +85,11 @@ def make_plan(config: RunConfig) -> Plan:
     lines += _target_lines(config)
     memory = BASE_BYTES + COMPILER_BYTES + voxels * BYTES_A_VOXEL + largest * len(config.views)
     return Plan(tuple(lines), memory / 1e9, seconds / 60.0)
+
+
+def _seconds(method: str, nodes: float) -> float:
+    """Of one compression."""
+    return SECONDS_A_COMPRESSION.get(method, 0.0) + nodes * SECONDS_A_NODE[method]
 
 
 def _more_compressions(config: RunConfig) -> int:
