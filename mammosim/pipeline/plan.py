@@ -35,8 +35,8 @@ COMPILER_BYTES = 8e8
 SECONDS_A_VOXEL = {"file": 4e-8, "generate": 4e-7}
 SECONDS_A_NODE = {"multigrid": 6e-6, "relaxation": 2e-3, "hyperelastic": 8e-5}
 SECONDS_A_COMPRESSION = {"hyperelastic": 6.0}
-"""Beside those a node: bodies of some ten thousand elements take as many Newton steps as large ones,
-and threads hardly share them (measured with benchmarks/biopsy_shift.py --samples)."""
+"""Beside those a node: bodies of some ten thousand elements take as many Newton steps as large
+ones, and threads hardly share them (measured with benchmarks/biopsy_shift.py --samples)."""
 
 SECONDS_A_PIXEL = 2.5e-6
 
