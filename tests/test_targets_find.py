@@ -248,6 +248,11 @@ def test_the_extent_is_the_largest_distance_across_a_lesion():
         apart = np.linalg.norm(points[:, None] - points[None], axis=2).max()
         assert origins.largest_distance(points) == pytest.approx(apart)
     assert np.isnan(origins.largest_distance(np.empty((0, 3))))
+    voxels = np.argwhere(rng.random((7, 8, 9)) > 0.8)
+    ends = voxels[origins.row_ends(voxels)]
+    assert len(ends) < len(voxels)
+    assert origins.largest_distance(ends) == origins.largest_distance(voxels)
+    assert not origins.row_ends(voxels[:0]).any()
     breast = half_ball(np.array([20.0, 0.0, 0.0]), "L")
     ball, seed, _ = origins.target_origins(breast)
     assert ball.extent_mm == pytest.approx(8.0, abs=VOXEL_MM)

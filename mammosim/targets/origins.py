@@ -60,8 +60,8 @@ def mean_shift_mm(field: DisplacementField, origin: Origin) -> NDArray[np.float6
 def largest_distance(points: NDArray[np.float64]) -> float:
     """Largest distance between two of the points (n, 3); NaN without any.
 
-    From the foremost point in each of 26 directions to the farthest from it, and on from there
-    while that grows: exact but for shapes made to deceive it, with no n x n distances.
+    From the first point, and the foremost in each of 26 directions, to the farthest from it, and on
+    from there while that grows: exact but for shapes made to deceive it, without n x n distances.
     """
     if not len(points):
         return math.nan
@@ -77,12 +77,24 @@ def largest_distance(points: NDArray[np.float64]) -> float:
     return length
 
 
+def row_ends(index: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Which voxels (n, 3), in the array's order, are the first or last of their row along z.
+
+    The two that are farthest apart are among them: along a row distances are largest at an end.
+    """
+    changes = (np.diff(index[:, :2], axis=0) != 0).any(axis=1)
+    edge = np.ones(min(len(index), 1), bool)
+    ends: NDArray[np.bool_] = np.concatenate([edge, changes]) | np.concatenate([changes, edge])
+    return ends
+
+
 def _lesions(phantom: BreastPhantom) -> list[Origin]:
     origins = []
     voxels = lesion_voxels(phantom)
     for lesion in phantom.lesions:
         points = phantom.frame.position_mm(voxels[lesion.label])
-        extent_mm = largest_distance(points) + float(phantom.voxel_mm.mean())
+        ends = points[row_ends(voxels[lesion.label])]
+        extent_mm = largest_distance(ends) + float(phantom.voxel_mm.mean())
         # A lesion whose voxels were overwritten by another is followed as the point it was.
         points = points if len(points) else np.atleast_2d(lesion.position_mm)
         some = np.linspace(0, len(points) - 1, min(len(points), MOST_VOXELS)).round().astype(int)
