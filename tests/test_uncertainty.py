@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from make_phantom import half_ellipsoid_breast
 from make_run import invoke, read_table, save_breast, write
 
+from mammosim.cli.progress import progress
 from mammosim.compression import MODELS, CompressionSettings, Sample, Sampler, compress
 from mammosim.compression.samples import LATTICE_SHIFTS, stiffness_group
 from mammosim.errors import InputError, Interrupted
@@ -250,6 +251,17 @@ def test_rows_hold_the_samples_statistics(springs):
     few = np.full_like(shifts, np.nan)
     few[:3] = 0.0
     assert np.isnan(uncertainties(origins, {"CC": shifts}, {"CC": few})[0].miss_mean_mm)
+
+
+def test_progress_says_which_sample_is_computed(springs, capsys, monkeypatch):
+    monkeypatch.setattr("mammosim.cli.progress.SECONDS_A_LINE", -1.0)
+    squeezed = springs[1]
+    with progress() as tell:
+        tell("LCC", "uncertainty", None)
+        tell("LCC", "uncertainty, sample 7 of 50", squeezed.history[-1])
+    said = capsys.readouterr().err
+    assert "LCC: uncertainty\n" in said
+    assert "LCC: uncertainty, sample 7 of 50: " in said
 
 
 def test_where_nothing_varies_there_is_no_spread(sampler):

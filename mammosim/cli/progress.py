@@ -31,8 +31,8 @@ def progress() -> Iterator[Any]:
 
         def tell(view: str, stage: str, row: Any) -> None:
             nonlocal where, began, explained
+            where = f"{view}: {stage}" if view else stage
             if row is None:
-                where = f"{view}: {stage}" if view else stage
                 began, explained = monotonic(), False
                 show(where, at_once=True)
             else:
