@@ -89,6 +89,65 @@ def test_more_attenuation_in_the_nipple_is_brighter():
     assert np.all(np.diff(shown) > 0)
 
 
+def with_muscle(level):
+    """A breast that runs out at the upper border, with muscle at the wall, and where it is."""
+    row, column = np.indices(SHAPE)
+    inside = half_disc(SHAPE, PIXEL_MM, 50.0) | ((row < 350) & (column < 160))
+    depth = distance_transform_edt(np.pad(inside, ((1, 0), (1, 0)), mode="edge"))[1:, 1:]
+    part = np.clip(depth * PIXEL_MM / 20.0, 0.0, 1.0)
+    fat = np.where(inside, 2.6 * np.sqrt(1.0 - (1.0 - part) ** 2), 0.0)
+    lump = np.zeros(SHAPE)
+    lump[330:390, 90:150] = 0.3
+    muscle = column < 90 - 0.3 * row
+    added = gaussian_filter(lump, 8.0) + gaussian_filter(np.where(muscle, level, 0.0), 2.0)
+    return (fat + added).astype(np.float32), muscle
+
+
+def test_muscle_takes_no_grey_from_the_breast():
+    attenuation, muscle = with_muscle(0.98)
+    pixels = present(attenuation, PIXEL_MM).pixels
+    without = present(with_muscle(0.0)[0], PIXEL_MM).pixels
+    gland, fat = pixels[360, 120], pixels[450, 60]
+    assert abs(int(gland) - int(without[360, 120])) < 0.02 * MAXIMUM
+    assert abs(int(fat) - int(without[450, 60])) < 0.02 * MAXIMUM
+    # muscle is white, but not lost in it
+    well_inside = distance_transform_edt(np.pad(muscle, ((1, 0), (1, 0)), "edge"))[1:, 1:] > 15
+    assert gland < pixels[well_inside].min()
+    assert pixels[well_inside].max() < 0.95 * MAXIMUM
+
+
+@pytest.mark.parametrize("place", [(100, 20), (60, 67), (20, 80)])
+def test_more_attenuation_in_muscle_is_brighter(place):
+    row, column = place  # within it, and on its edge
+    shown = []
+    for extra in (-0.2, -0.1, 0.0, 0.1):
+        attenuation, _ = with_muscle(0.98)
+        attenuation[row - 2 : row + 3, column - 2 : column + 3] += extra
+        shown.append(int(present(attenuation, PIXEL_MM).pixels[row, column]))
+    assert np.all(np.diff(shown) > 0)
+
+
+def test_the_muscles_edge_stays_where_it_is():
+    """From fat to muscle within the blur that the edge was given, without a dark or light seam."""
+    attenuation, muscle = with_muscle(0.98)
+    line = present(attenuation, PIXEL_MM).pixels[100].astype(int)
+    edge = int(np.flatnonzero(~muscle[100])[0])
+    middle = 0.5 * (line[edge - 15] + line[edge + 15])
+    assert abs(int(np.flatnonzero(line < middle)[0]) - edge) <= 2
+    # its place is known to a cell, over which it falls by a quarter of its height
+    assert line[edge : edge + 15].min() > 0.95 * line[edge + 15]
+    assert line[edge - 15 : edge].max() < 1.05 * line[edge - 15]
+
+
+def test_a_picture_full_of_gland_has_no_muscle():
+    rng = np.random.default_rng(4)
+    attenuation = np.float32(2.0) + gaussian_filter(rng.normal(0, 6.0, (300, 300)), 8.0)
+    attenuation[:60, :200] += 1.0  # more than a third of it is as bright
+    attenuation[:, :100] += 1.0
+    shown = present(attenuation.astype(np.float32), PIXEL_MM).pixels
+    assert shown[30, 150] < MAXIMUM
+
+
 def test_details_keep_their_contrast_in_the_margin():
     """A calcification 6 mm under the skin shows as strongly as one in the middle."""
     attenuation, _, depth = compressed_breast()

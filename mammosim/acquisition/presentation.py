@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from mammosim.acquisition._kernels import present_kernel
 from mammosim.acquisition.blocks import block_mean, cell_pixels
+from mammosim.acquisition.muscle import above_level, muscle_of
 
 CELL_MM = 0.5  # grid of mask and distance to the skin
 AIR_LEVEL = 0.04  # attenuation (ln) that tells tissue from air: half a millimetre of skin
@@ -35,9 +36,10 @@ SKIN_RAMP_MM = 2.5  # over which equalisation sets in, so that the skin line sta
 FAT_QUANTILE, GLAND_QUANTILE = 0.08, 0.99
 LEVELS_DEPTH_MM = 8.0  # the levels of fat and gland are taken deeper than this
 FAT_LEVEL = 0.28  # grey of fat, as part of the range, on clinical mammograms
+MUSCLE_LEVEL = 0.88  # grey of muscle
 # Contrast (ln) of what is shown at white, above fat: a fatty breast is not stretched beyond the
-# first, and muscle or an all-dense breast (about 33 mm of gland more than its neighbour) beyond
-# the second goes into the shoulder of the curve.
+# first; what an all-dense breast (about 33 mm of gland more than its neighbour) has beyond the
+# second goes into the shoulder of the curve.
 LEAST_CONTRAST, MOST_CONTRAST = 0.45, 1.0
 BENDS = (0.12, 0.75)  # grey below and above which the curve bends, as film's toe and shoulder do
 MAXIMUM = 4095  # 12 bits
@@ -79,9 +81,10 @@ def present(attenuation: NDArray[np.float32], pixel_mm: float) -> Presentation:
     estimated from the distance to the breast's edge (the profile of fat, rising to its plateau)
     and added back; near the edge, what is thinner still (between folds) from its neighbourhood, and
     what stands out from the outline (the nipple) from itself. What is added is smooth, so details
-    keep their contrast, and at any one place more attenuation is always brighter. Nothing but the
-    image is used, as in a scanner's software. Where gland reaches the skin along most of the edge,
-    the profile takes it for fat.
+    keep their contrast, and at any one place more attenuation is always brighter. Muscle that runs
+    out at a corner is brought down to just below white by its median. Nothing but the image is
+    used, as in a scanner's software. Where gland reaches the skin along most of the edge, the
+    profile takes it for fat.
     """
     cell = cell_pixels(CELL_MM, pixel_mm)
     coarse = block_mean(attenuation, cell)
@@ -92,7 +95,9 @@ def present(attenuation: NDArray[np.float32], pixel_mm: float) -> Presentation:
     body = _without_nipple(breast, cell_mm)
     depth_mm = _signed_depth(body, CONTOUR_SIGMA_MM / cell_mm) * cell_mm
     added = _missing_attenuation(coarse, breast, body, depth_mm, cell_mm)
-    low, high = _levels((coarse + added)[depth_mm > LEVELS_DEPTH_MM], (coarse + added)[breast])
+    equalised = coarse + added
+    muscle, low, high = _levels(equalised, breast, depth_mm, cell_mm)
+    added -= above_level(equalised, muscle, low + MUSCLE_LEVEL * (high - low), cell_mm)
     pixels = np.empty(attenuation.shape, np.uint16)
     present_kernel(attenuation, added, float(cell), low, high, BENDS, float(MAXIMUM), pixels)
     return Presentation(pixels, (MAXIMUM + 1) / 2, float(MAXIMUM + 1))
@@ -237,10 +242,24 @@ def _local_mean(
     return mean
 
 
-def _levels(inner: NDArray[np.float64], whole: NDArray[np.float64]) -> tuple[float, float]:
-    """Equalised attenuation that is shown black, and that at the straight curve's white."""
-    values = inner if inner.size else whole
-    fat, gland = np.quantile(values, [FAT_QUANTILE, GLAND_QUANTILE])
+def _levels(
+    equalised: NDArray[np.float64],
+    breast: NDArray[np.bool_],
+    depth_mm: NDArray[np.float64],
+    cell_mm: float,
+) -> tuple[NDArray[np.bool_], float, float]:
+    """Where muscle is, equalised attenuation shown black, and that at the straight curve's white.
+
+    Muscle is left out of the levels.
+    """
+    inner = depth_mm > LEVELS_DEPTH_MM
+    inner = inner if inner.any() else breast
+    fat = float(np.quantile(equalised[inner], FAT_QUANTILE))
+    muscle = muscle_of(equalised, breast, fat, LEAST_CONTRAST, cell_mm)
+    rest = inner & ~muscle
+    fat, gland = np.quantile(
+        equalised[rest if rest.any() else inner], [FAT_QUANTILE, GLAND_QUANTILE]
+    )
     contrast = float(np.clip(gland - fat, LEAST_CONTRAST, MOST_CONTRAST))
     low = float(fat) - contrast * FAT_LEVEL / (1.0 - FAT_LEVEL)
-    return low, float(fat) + contrast
+    return muscle, low, float(fat) + contrast

@@ -1,0 +1,110 @@
+"""The pectoral muscle in a picture for reading: left out of its levels, and brought down to white.
+
+In MLO it runs out at a corner of the picture and attenuates several times as much above fat as
+gland does. A grey scale that holds both leaves the breast flat.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+CORNER_MM = 5.0
+"""Side of the square in a picture's corner that muscle fills where there is any."""
+
+EDGE_LEVEL = 0.4
+"""Level of the muscle's edge, of that in the corner above fat's."""
+
+OPENING_MM = 1.5
+"""Bridges between muscle and gland up to twice as wide are no muscle."""
+
+MOST_PART = 0.35
+"""Part of the breast above which it is no muscle: gland that runs into it, or fills the corner."""
+
+EDGE_MM = 2.0
+"""Around the muscle, where it thins."""
+
+BASE_MM = 6.0
+"""What is smaller than about half of it, as strands of fat, keeps its contrast in the muscle."""
+
+
+def muscle_of(
+    equalised: NDArray[np.float64],
+    breast: NDArray[np.bool_],
+    fat: float,
+    least: float,
+    cell_mm: float,
+) -> NDArray[np.bool_]:
+    """Where muscle is, with its edge.
+
+    Parameters
+    ----------
+    equalised : ndarray, [row, column]
+        Attenuation (ln) as if the breast were equally thick everywhere.
+    breast : ndarray of bool, [row, column]
+    fat : float
+        Attenuation of fat.
+    least : float
+        Of the corner above fat, for it to be muscle.
+    cell_mm : float
+        Pitch of the grid, mm.
+
+    Returns
+    -------
+    ndarray of bool, [row, column]
+        Empty where no corner of the picture is muscle.
+    """
+    size = max(1, round(CORNER_MM / cell_mm))
+    ends = (slice(0, size), slice(-size, None))
+    corners = [(row, column) for row in ends for column in ends if breast[row, column].all()]
+    levels = [float(np.median(equalised[corner])) for corner in corners]
+    if not levels or max(levels) < fat + least:
+        return np.zeros(breast.shape, bool)
+    corner = corners[int(np.argmax(levels))]
+    smooth = ndimage.gaussian_filter(np.where(breast, equalised, 0.0), 1.0, mode="nearest")
+    bright = smooth > fat + EDGE_LEVEL * (max(levels) - fat)
+    parts, _ = ndimage.label(_opened(bright, OPENING_MM / cell_mm))
+    muscle = np.isin(parts, np.setdiff1d(parts[corner], 0))
+    if muscle.sum() > MOST_PART * breast.sum():
+        return np.zeros(breast.shape, bool)
+    grown: NDArray[np.bool_] = _distance_to(muscle) <= EDGE_MM / cell_mm
+    return grown & breast
+
+
+def above_level(
+    equalised: NDArray[np.float64], muscle: NDArray[np.bool_], level: float, cell_mm: float
+) -> NDArray[np.float64]:
+    """By how much muscle attenuates more than a level, on the scale of `BASE_MM`; elsewhere 0.
+
+    A median keeps the muscle's edge where it is.
+    """
+    over = np.zeros(equalised.shape)
+    wide = round(BASE_MM / cell_mm) | 1
+    found = ndimage.find_objects(muscle.astype(np.int8))
+    for rows, columns in found:
+        part = (
+            slice(max(rows.start - wide, 0), rows.stop + wide),
+            slice(max(columns.start - wide, 0), columns.stop + wide),
+        )
+        base = ndimage.median_filter(equalised[part], size=wide, mode="nearest")
+        inside = ndimage.gaussian_filter(
+            muscle[part].astype(np.float64), 0.5 * EDGE_MM / cell_mm, mode="nearest"
+        )
+        over[part] = inside * np.maximum(base - level, 0.0)
+    return over
+
+
+def _opened(region: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
+    """Opening by a disc; what the picture's border cuts off goes on beyond it."""
+    core = ndimage.distance_transform_edt(region) > radius
+    opened: NDArray[np.bool_] = _distance_to(core) <= radius
+    return opened
+
+
+def _distance_to(region: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Distance of each cell to a region, cells; infinite where there is none."""
+    if not region.any():
+        return np.full(region.shape, np.inf)
+    distance: NDArray[np.float64] = ndimage.distance_transform_edt(~region)
+    return distance
