@@ -29,6 +29,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
+import numba
 from make_run import invoke, save_breast, write
 from make_volumes import FORMATS, save, small_breast
 
@@ -367,7 +368,8 @@ def _watch(event: str, arguments: tuple[Any, ...]) -> None:
 
 def _inside(event: str, path: Any) -> None:
     real = os.path.realpath(os.fsdecode(path))
-    if not real.startswith(str(SANDBOX)) and "__pycache__" not in real and "numba" not in real:
+    compiled = os.path.realpath(numba.config.CACHE_DIR or "__pycache__")
+    if not real.startswith((str(SANDBOX), compiled)) and "__pycache__" not in real:
         strangers.append(f"{event} {real}")
 
 
