@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from mammosim.acquisition.discs import beyond_discs, distance_to
+
 CORNER_MM = 5.0
 """Side of the square in a picture's corner that muscle fills where there is any."""
 
@@ -64,11 +66,11 @@ def muscle_of(
     corner = corners[int(np.argmax(levels))]
     smooth = ndimage.gaussian_filter(np.where(breast, equalised, 0.0), 1.0, mode="nearest")
     bright = smooth > fat + EDGE_LEVEL * (max(levels) - fat)
-    parts, _ = ndimage.label(_opened(bright, OPENING_MM / cell_mm))
+    parts, _ = ndimage.label(beyond_discs(bright, OPENING_MM / cell_mm) <= 0.0)
     muscle = np.isin(parts, np.setdiff1d(parts[corner], 0))
     if muscle.sum() > MOST_PART * breast.sum():
         return np.zeros(breast.shape, bool)
-    grown: NDArray[np.bool_] = _distance_to(muscle) <= EDGE_MM / cell_mm
+    grown: NDArray[np.bool_] = distance_to(muscle) <= EDGE_MM / cell_mm
     return grown & breast
 
 
@@ -93,18 +95,3 @@ def above_level(
         )
         over[part] = inside * np.maximum(base - level, 0.0)
     return over
-
-
-def _opened(region: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
-    """Opening by a disc; what the picture's border cuts off goes on beyond it."""
-    core = ndimage.distance_transform_edt(region) > radius
-    opened: NDArray[np.bool_] = _distance_to(core) <= radius
-    return opened
-
-
-def _distance_to(region: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Distance of each cell to a region, cells; infinite where there is none."""
-    if not region.any():
-        return np.full(region.shape, np.inf)
-    distance: NDArray[np.float64] = ndimage.distance_transform_edt(~region)
-    return distance

@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from mammosim.acquisition._kernels import present_kernel
 from mammosim.acquisition.blocks import block_mean, cell_pixels
+from mammosim.acquisition.discs import beyond_discs
 from mammosim.acquisition.muscle import above_level, muscle_of
 
 CELL_MM = 0.5  # grid of mask and distance to the skin
@@ -134,10 +135,9 @@ def _without_nipple(breast: NDArray[np.bool_], cell_mm: float) -> NDArray[np.boo
     padded = np.pad(breast, wide, mode="edge")
     if padded.all():
         return breast
-    core = ndimage.distance_transform_edt(padded) > wide
-    if not core.any():  # a breast narrower than the disc
+    beyond = beyond_discs(padded, wide)[wide:-wide, wide:-wide]
+    if np.isinf(beyond).all():  # a breast narrower than the disc
         return breast
-    beyond = ndimage.distance_transform_edt(~core)[wide:-wide, wide:-wide] - wide
     labels, count = ndimage.label(breast & (beyond > 0.0))
     far = ndimage.maximum(beyond * cell_mm, labels, np.arange(1, count + 1))
     nipples = 1 + np.flatnonzero(np.asarray(far) >= LEAST_NIPPLE_MM)

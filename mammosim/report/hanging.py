@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
 from mammosim.geometry import View
@@ -149,9 +147,7 @@ def _picture(
 def _labels(marks: Sequence[Marker], crop: Crop, side: str, bar_px: float) -> list[Label]:
     """Numbers of the marks: towards the nipple, where a breast has least, unless it is full."""
     font = crop.rows / _FONTS
-    arrows = [
-        sampled((mark.from_x, mark.from_y), (mark.x, mark.y), font) for mark in marks if mark.arrow
-    ]
+    arrows = [((mark.from_x, mark.from_y), (mark.x, mark.y)) for mark in marks if mark.arrow]
     box = (float(crop.left), float(crop.top), float(crop.columns), float(crop.rows))
     towards = 1.0 if side == "L" else -1.0
     anterior = crop.left + crop.columns * (0.5 + 0.5 * towards)
@@ -163,7 +159,7 @@ def _labels(marks: Sequence[Marker], crop: Crop, side: str, bar_px: float) -> li
     ]
     return place_labels(
         Marked([[(mark.x, mark.y) for mark in marks]], [mark.filled for mark in marks], box,
-               np.concatenate(arrows) if arrows else (), corners),
+               sampled(arrows, font), corners),
         [mark.text for mark in marks],
         [font * (_SMALL if mark.kind == "nipple" else 1.0) for mark in marks],
         (towards, 0.0),

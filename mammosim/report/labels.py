@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,12 +110,14 @@ def place_labels(
     return labels
 
 
-def sampled(start: ArrayLike, end: ArrayLike, size: float) -> Points:
-    """Points (n, 2) of a straight line, no farther apart than half the size of a font."""
-    start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
-    count = 2 + math.ceil(2.0 * float(np.linalg.norm(end - start)) / size)
-    points: Points = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
-    return points
+def sampled(lines: Iterable[tuple[ArrayLike, ArrayLike]], size: float) -> Points:
+    """Points (n, 2) of straight lines from start to end, half the size of a font apart or less."""
+    points = [np.empty((0, 2))]
+    for ends in lines:
+        start, end = (np.asarray(place, dtype=float) for place in ends)
+        count = 2 + math.ceil(2.0 * float(np.linalg.norm(end - start)) / size)
+        points.append(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
+    return np.concatenate(points)
 
 
 class _Room:
@@ -139,7 +141,7 @@ class _Room:
         text = np.concatenate([here + offset, np.broadcast_to(2.0 * half, here.shape)], axis=1)
         self._texts = np.concatenate([self._texts, text[:, None]], axis=1)
         if lead:
-            line = here[:, None] + sampled(lead[:2], lead[2:], size)
+            line = here[:, None] + sampled([(lead[:2], lead[2:])], size)
             self._lines = np.concatenate([self._lines, line], axis=1)
 
     def cost(self, number: int, offsets: Points, half: Points) -> Points:

@@ -143,11 +143,11 @@ def _frontal_labels(
 ) -> list[Label]:
     """Numbers of the dots of the frontal drawing: to the upper left, unless it is full there."""
     font = _DOT_FONT * extent
-    ways = [sampled((x, y), (x + dx, y + dy), font) for *_, x, y, dx, dy in arrows]
+    ways = sampled([((x, y), (x + dx, y + dy)) for *_, x, y, dx, dy in arrows], font)
     hour = 1.5 * _HOUR_FONT * extent
     hours = [(x * (extent - 0.5 * hour), y * (extent - 0.5 * hour), hour, hour)
              for x, y in ((0, -1), (1, 0), (0, 1), (-1, 0))]  # fmt: skip
     box = (-extent, -extent, 2.0 * extent, 2.0 * extent)
     marked = Marked([[dot[2:] for dot in dots]], [_DOT_RADIUS * extent] * len(dots), box,
-                    np.concatenate(ways), hours)  # fmt: skip
+                    ways, hours)  # fmt: skip
     return place_labels(marked, [str(dot[0]) for dot in dots], [font] * len(dots), (-1.0, -0.7))

@@ -204,11 +204,11 @@ def _moved(
     start = plane.project(np.array([target.place_mm for target in targets]).reshape(-1, 3))
     shift = plane.project(np.array([target.shift_vector_mm for target in targets]).reshape(-1, 3))
     font = box[3] / _FONTS
-    ways = [sampled(here, here + by, font) for here, by in zip(start, shift, strict=True)]
+    ways = sampled(zip(start, start + shift, strict=True), font)
     shares = np.linspace(0.0, 1.0, FRAMES)[:, None, None]
     texts = ["N" if target.kind == "nipple" else str(target.target_id) for target in targets]
     marked = Marked(start + shares * shift, [_DOT_FONTS * font] * len(texts), box,
-                    [np.concatenate(ways)] * FRAMES if ways else ())  # fmt: skip
+                    [ways] * FRAMES)  # fmt: skip
     labels = place_labels(marked, texts, [font] * len(texts), (1.0, -0.5))
     ends = np.concatenate([start, start + shift], axis=1).tolist()
     return [

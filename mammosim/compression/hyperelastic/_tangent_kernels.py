@@ -32,8 +32,7 @@ X, Y, Z = np.intp(0), np.intp(3), np.intp(6)
 """First of the three rows of a vector along each edge."""
 
 XX, XY, XZ, YY, YZ, ZZ = (np.intp(first) for first in range(0, 54, 9))
-"""First of the nine rows of each block of a point's second derivative.
-"""
+"""First of the nine rows of each block of a point's second derivative."""
 
 
 @contracting_kernel
