@@ -3,6 +3,7 @@ import pytest
 from naive.acquisition import half_disc
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
+from mammosim.acquisition.muscle import muscle_of
 from mammosim.acquisition.presentation import MAXIMUM, present
 
 PIXEL_MM = 0.2
@@ -146,6 +147,16 @@ def test_a_picture_full_of_gland_has_no_muscle():
     attenuation[:, :100] += 1.0
     shown = present(attenuation.astype(np.float32), PIXEL_MM).pixels
     assert shown[30, 150] < MAXIMUM
+
+
+@pytest.mark.parametrize(("columns", "found"), [(40, True), (60, False)])
+def test_what_fills_over_a_third_of_the_breast_is_no_muscle(columns, found):
+    equalised = np.full((150, 150), 2.0)
+    equalised[:, :columns] += 1.0
+    muscle = muscle_of(equalised, np.ones((150, 150), bool), 2.0, 0.45, 0.4)
+    assert muscle.any() == found
+    assert muscle[75, 5] == found
+    assert not muscle[:, columns + 6 :].any()  # its edge is 2 mm wide
 
 
 def test_details_keep_their_contrast_in_the_margin():
