@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import re
 from unittest.mock import Mock
 
@@ -11,10 +12,10 @@ from distributed.comm import CommClosedError
 from test_cohort_run import describe, task
 
 from mammosim.cohort import load_cohort
-from mammosim.cohort.cluster import own_memory_gb, shares
+from mammosim.cohort.cluster import own_memory_gb, remote_client, shares
 from mammosim.cohort.patient import Outcome, make_patient
 from mammosim.cohort.run import _Work
-from mammosim.errors import Interrupted
+from mammosim.errors import InputError, Interrupted
 
 
 def test_a_worker_knows_its_own_memory():
@@ -119,3 +120,20 @@ def test_an_outcome_lost_with_its_scheduler_ends_the_cohort(tmp_path):
     client.status = "closed"
     with pytest.raises(Interrupted, match=r"not answer any more; 0 of 5 patients are done"):
         work.through()
+
+
+def open_clients() -> set[int]:
+    return {
+        id(here) for here in gc.get_objects() if type(here) is Client and here.status != "closed"
+    }
+
+
+@pytest.mark.parametrize(
+    ("address", "reason"), [("nonsense://x", "unknown address scheme"), ("x", "missing port")]
+)
+def test_what_is_no_address_leaves_no_client_behind(address, reason):
+    """Its end in the garbage, while another client starts, would wait for itself for ever."""
+    before = open_clients()
+    with pytest.raises(InputError, match=reason), remote_client(address):
+        pass
+    assert open_clients() <= before

@@ -7,12 +7,13 @@ import os
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 import dask
 from dask.system import CPU_COUNT
 from distributed import Client, LocalCluster, get_worker
+from distributed.comm import resolve_address
 
 from mammosim.errors import InputError, Interrupted
 from mammosim.phantom.memory import available_bytes
@@ -123,6 +124,9 @@ def remote_client(address: str) -> Iterator[Client]:
         If nothing answers at the address.
     """
     try:
+        # What is no address a client refuses, too, but then is left half open.
+        with suppress(OSError):  # a name that is not known may be in a moment
+            resolve_address(address)
         client = Client(address, timeout=CONNECT_S)
     except (OSError, ValueError, TimeoutError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
