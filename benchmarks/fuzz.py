@@ -45,9 +45,9 @@ from mammosim.pipeline import (
     config_of,
     is_finished,
     load_config,
+    locate_lines,
     make_plan,
 )
-from mammosim.pipeline.locating import locate_lines
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 MOST_SECONDS = 20

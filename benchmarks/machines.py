@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from mammosim.config import write_yaml
 from mammosim.export import load_path_lengths
 from mammosim.phantom import generate_phantom
-from mammosim.pipeline.saved_run import SavedView, read_views
+from mammosim.pipeline import SavedView, read_views
 
 CASES = {
     "springs": (450, ["CC", "MLO"], {"resolution_mm": 1.5}),

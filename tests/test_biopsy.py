@@ -187,12 +187,12 @@ def test_a_run_writes_the_needles_table(folder):
 
 
 def test_another_views_compression_is_not_computed_twice(folder, monkeypatch):
-    from mammosim.pipeline import lesion_shift
+    from mammosim.pipeline.run import shift_analysis
 
     def refuse(*arguments, **keys):
         raise AssertionError("computed again")
 
-    monkeypatch.setattr(lesion_shift, "compress", refuse)
+    monkeypatch.setattr(shift_analysis, "compress", refuse)
     path = write(folder, "mlo.yaml", targets={"biopsy": {"view": "MLO"}})
     assert invoke("run", path, "--output", folder / "mlo").exit_code == 0
     rows = {(row["name"], row["view"]): row for row in read_table(folder / "mlo" / "biopsy.csv")}

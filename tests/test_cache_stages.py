@@ -15,8 +15,8 @@ from make_run import SMALL, invoke, save_breast, write
 from mammosim.errors import InputError
 from mammosim.geometry import View
 from mammosim.pipeline import RunFolder, is_being_written, load_config, simulate, writing
-from mammosim.pipeline.packing import pack, unpack
-from mammosim.pipeline.stages import COMPRESSION_ROOMS, PHANTOM_ROOMS, stage_key
+from mammosim.pipeline.folder.serialization import pack, unpack
+from mammosim.pipeline.folder.stage_cache import COMPRESSION_ROOMS, PHANTOM_ROOMS, stage_key
 
 GENERATED = {"generate": {"voxel_mm": 3.0, "volume_ml": 200, "density": "fatty"}}
 
@@ -121,7 +121,9 @@ def test_the_key_depends_on_code_settings_and_inputs(monkeypatch):
         stage_key(PHANTOM_ROOMS, {"a": 2}, ["aa"]),
         stage_key(PHANTOM_ROOMS, {"a": 1}, ["ab"]),
     }
-    monkeypatch.setattr("mammosim.pipeline.stages._code_hash", lambda rooms: "other code")
+    monkeypatch.setattr(
+        "mammosim.pipeline.folder.stage_cache._code_hash", lambda rooms: "other code"
+    )
     others.add(stage_key(PHANTOM_ROOMS, {"a": 1}, ["aa"]))
     assert len(others | {base}) == 5
 

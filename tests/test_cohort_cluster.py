@@ -13,8 +13,8 @@ from test_cohort_run import describe, task
 
 from mammosim.cohort import load_cohort
 from mammosim.cohort.cluster import own_memory_gb, remote_client, shares
+from mammosim.cohort.dispatch import _Work
 from mammosim.cohort.patient import Outcome, make_patient
-from mammosim.cohort.run import _Work
 from mammosim.errors import InputError, Interrupted
 
 

@@ -11,8 +11,7 @@ import pytest
 from make_run import invoke, read_table, save_breast, write
 
 from mammosim.errors import InputError
-from mammosim.pipeline.locating import locate_lines
-from mammosim.pipeline.saved_run import read_views
+from mammosim.pipeline import locate_lines, read_views
 from mammosim.targets import curve_of, point_at_height, point_from_sights
 
 

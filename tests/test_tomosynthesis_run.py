@@ -190,7 +190,7 @@ def test_refused_before_anything_is_computed(
 ):
     (folder / "bad.txt").write_text("20 1 1\n21 1 1\n")
     (folder / "hard.txt").write_text("20 1e6\n35 1e6\n")
-    monkeypatch.setattr("mammosim.pipeline.run.compress", None)  # must not get so far
+    monkeypatch.setattr("mammosim.pipeline.run.simulation.compress", None)  # must not get so far
     path = write(folder, f"{tmp_path.name}.yaml", **changes)
     output = ["--output", tmp_path / "out"] if command == "run" else []
     result = invoke(command, path, *output)

@@ -46,7 +46,7 @@ def locate(
     different views, or of one view under two tube angles, the point where they meet.
     """
     with exit_status():
-        from mammosim.pipeline.locating import locate_lines
+        from mammosim.pipeline import locate_lines
 
         pixels = [_pixel(text) for text in pixel]
         for line in locate_lines(run, view, pixels, tube_angle, height_mm, step_mm):

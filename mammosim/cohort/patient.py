@@ -16,6 +16,7 @@ from mammosim.cohort.starts import STARTS, note_start
 from mammosim.errors import InputError, Interrupted, MammosimError
 from mammosim.export import write_json
 from mammosim.pipeline import (
+    STAGES_FOLDER,
     Plan,
     RunFolder,
     config_of,
@@ -24,7 +25,6 @@ from mammosim.pipeline import (
     simulate,
     writing,
 )
-from mammosim.pipeline.stages import FOLDER as STAGES
 
 FAILURE = "failure.json"
 """In a patient's folder: why there is no finished run in it."""
@@ -167,7 +167,7 @@ def _make(patient: Patient, folder: Path) -> bool:
         note_start(folder, patient.start, patient.starts)
         simulate(config, RunFolder(folder, config, title=folder.name))
     if not patient.keep_stages:
-        for stage in (folder / STAGES).glob("*"):
+        for stage in (folder / STAGES_FOLDER).glob("*"):
             _unlink(stage)
     if patient.dataset is not None:
         write_example(folder, Path(patient.dataset_folder), patient.dataset)

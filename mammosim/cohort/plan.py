@@ -9,8 +9,7 @@ from mammosim.cohort.dataset import check_exports
 from mammosim.cohort.description import Cohort, dotted
 from mammosim.cohort.patient import worker_gb
 from mammosim.errors import InputError
-from mammosim.pipeline import Plan, check_before, check_settings, make_plan
-from mammosim.pipeline.plan import PLANNED_CORES
+from mammosim.pipeline import PLANNED_CORES, Plan, check_before, check_settings, make_plan
 
 FIRST_PATIENTS = 50
 """Patients that are looked at before any is begun."""

@@ -12,7 +12,7 @@ from typing import Any
 
 from mammosim.errors import InputError
 from mammosim.export import write_json
-from mammosim.pipeline.stages import FOLDER as STAGES
+from mammosim.pipeline import STAGES_FOLDER
 
 STARTS = ".starts.json"
 """In the folder of a patient that is being made."""
@@ -35,7 +35,7 @@ def note_start(folder: Path, start: str, most: int) -> None:
     InputError
         If it was begun so often.
     """
-    stages = sorted(stage.name for stage in (folder / STAGES).glob("*"))
+    stages = sorted(stage.name for stage in (folder / STAGES_FOLDER).glob("*"))
     before = _read(folder / STARTS)
     same = before.get("start") == start and before.get("stages") == stages
     count: int = before["count"] if same else 0

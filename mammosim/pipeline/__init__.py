@@ -1,23 +1,42 @@
-"""A whole run: the configuration's sections in order, and the calls in order."""
+"""A whole run: the configuration's sections in order, and the calls in order.
 
-from mammosim.pipeline.beforehand import check_before, check_settings
-from mammosim.pipeline.lock import is_being_written, writing
-from mammosim.pipeline.plan import Plan, make_plan
-from mammosim.pipeline.run import Study, ViewResult, simulate
-from mammosim.pipeline.run_config import (
+Begin with `run`, a whole run on one screen. `configuration` holds what a run is asked to do,
+`folder` the files it writes and the stages it keeps, `locate` the way back from its pictures.
+"""
+
+from mammosim.pipeline.configuration import (
+    PLANNED_CORES,
+    Plan,
     RunConfig,
+    ViewSettings,
     apply_change,
+    check_before,
+    check_settings,
     config_of,
     is_cohort,
     load_config,
+    make_plan,
 )
-from mammosim.pipeline.save import RunFolder, check_output, is_finished, read_record, title_of
-from mammosim.pipeline.view_settings import ViewSettings
+from mammosim.pipeline.folder import (
+    STAGES_FOLDER,
+    RunFolder,
+    check_output,
+    is_being_written,
+    is_finished,
+    read_record,
+    title_of,
+    writing,
+)
+from mammosim.pipeline.locate import SavedView, locate_lines, read_views
+from mammosim.pipeline.run import Study, ViewResult, simulate
 
 __all__ = [
+    "PLANNED_CORES",
+    "STAGES_FOLDER",
     "Plan",
     "RunConfig",
     "RunFolder",
+    "SavedView",
     "Study",
     "ViewResult",
     "ViewSettings",
@@ -30,8 +49,10 @@ __all__ = [
     "is_cohort",
     "is_finished",
     "load_config",
+    "locate_lines",
     "make_plan",
     "read_record",
+    "read_views",
     "simulate",
     "title_of",
     "writing",

@@ -24,11 +24,11 @@ from mammosim.errors import Interrupted, NotConverged
 from mammosim.export import label_image, lesion_masks
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, make_phantom
-from mammosim.pipeline.beforehand import check_detectors, check_settings
-from mammosim.pipeline.lesion_shift import shift_answers, with_ellipsoids
-from mammosim.pipeline.run_config import RunConfig
-from mammosim.pipeline.save import RunFolder
-from mammosim.pipeline.view_settings import ViewSettings
+from mammosim.pipeline.configuration.preflight import check_detectors, check_settings
+from mammosim.pipeline.configuration.run_config import RunConfig
+from mammosim.pipeline.configuration.view_settings import ViewSettings
+from mammosim.pipeline.folder.run_folder import RunFolder
+from mammosim.pipeline.run.shift_analysis import shift_answers, with_ellipsoids
 from mammosim.projection import PathLengths, project, project_arc
 from mammosim.targets import ShiftAnswers, Target, find_targets
 

@@ -7,7 +7,7 @@ from mammosim.compression.plates import held_tissue, plate_edge_mm
 from mammosim.errors import InputError
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, PhantomSettings, make_phantom
-from mammosim.pipeline.run_config import RunConfig
+from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.projection import check_field, check_memory
 
 COARSE_VOXEL_MM = 4.0

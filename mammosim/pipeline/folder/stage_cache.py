@@ -23,11 +23,11 @@ from mammosim.compression import CompressedBreast
 from mammosim.export import whole_file, write_json
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, as_held
-from mammosim.pipeline.packing import pack, unpack
-from mammosim.pipeline.run_config import RunConfig, without_paths
+from mammosim.pipeline.configuration.run_config import RunConfig, without_paths
+from mammosim.pipeline.folder.serialization import pack, unpack
 from mammosim.report import file_hash
 
-FOLDER = ".stages"
+STAGES_FOLDER = ".stages"
 """In a run's folder; it may be deleted at any time, and costs only time then."""
 
 PHANTOM_ROOMS = ("config", "geometry", "phantom", "tissues")
@@ -36,7 +36,7 @@ PACKAGES = ("mammosim", "numpy", "numba", "scipy")
 """Rooms whose source, and distributions whose version, decide a stage's result."""
 
 
-class KeptStages:
+class StageCache:
     """Results of stages in one or more runs' folders.
 
     Parameters
@@ -55,7 +55,7 @@ class KeptStages:
     """
 
     def __init__(self, run: Path, inputs: Iterable[str], others: Iterable[Path] = ()) -> None:
-        self._folders = [folder / FOLDER for folder in (run, *others)]
+        self._folders = [folder / STAGES_FOLDER for folder in (run, *others)]
         self._inputs = tuple(inputs)
         self.reused: list[str] = []
 

@@ -14,8 +14,8 @@ from mammosim.compression import CompressedBreast, CompressionSettings, Sample, 
 from mammosim.errors import NotConverged
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
-from mammosim.pipeline.run_config import RunConfig
-from mammosim.pipeline.view_settings import ViewSettings
+from mammosim.pipeline.configuration.run_config import RunConfig
+from mammosim.pipeline.configuration.view_settings import ViewSettings
 from mammosim.targets import (
     BiopsyResult,
     Origin,
@@ -35,7 +35,7 @@ from mammosim.targets import (
 )
 
 if TYPE_CHECKING:
-    from mammosim.pipeline.run import ViewResult
+    from mammosim.pipeline.run.simulation import ViewResult
 
 Tell = Callable[[str, str, np.void | None], None]
 

@@ -15,7 +15,7 @@ from mammosim.config import Settings, parse_value, read_yaml, to_settings
 from mammosim.errors import InputError
 from mammosim.export import ExportSettings
 from mammosim.phantom import PhantomSettings
-from mammosim.pipeline.view_settings import VIEW_SECTIONS, ViewSettings
+from mammosim.pipeline.configuration.view_settings import VIEW_SECTIONS, ViewSettings
 from mammosim.projection import ProjectionSettings
 from mammosim.report import ReportSettings
 from mammosim.targets import BiopsySettings, TargetsSettings

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.errors import InputError
-from mammosim.pipeline.saved_run import read_views
+from mammosim.pipeline.locate.saved_views import read_views
 from mammosim.targets import (
     Located,
     RayCurve,

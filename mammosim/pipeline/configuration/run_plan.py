@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from mammosim.compression import CompressionSettings
 from mammosim.phantom import PhantomSettings
 from mammosim.phantom.size import expected_voxels
-from mammosim.pipeline.run_config import RunConfig
+from mammosim.pipeline.configuration.run_config import RunConfig
 
 # Bytes and seconds below were measured with benchmarks/pipeline.py (see benchmarks/RESULTS.md) on
 # as many cores; the estimates are rounded up and only meant to tell minutes from hours.

@@ -30,8 +30,8 @@ from mammosim.export import (
     write_text,
 )
 from mammosim.phantom.readers import open_voxels
-from mammosim.pipeline.run_config import RunConfig, input_paths, without_paths
-from mammosim.pipeline.stages import KeptStages
+from mammosim.pipeline.configuration.run_config import RunConfig, input_paths, without_paths
+from mammosim.pipeline.folder.stage_cache import StageCache
 from mammosim.projection import PathLengths, compressed_labels
 from mammosim.report import (
     NOT_HASHED,
@@ -65,7 +65,7 @@ class RunFolder:
     Attributes
     ----------
     path : Path
-    stages : KeptStages
+    stages : StageCache
         Results of stages that need not be computed again.
 
     Raises
@@ -84,7 +84,7 @@ class RunFolder:
         inputs = _Inputs.of(config)
         self._hash = _hash_of(config, inputs)
         self._identity = StudyIdentity(self._hash, f"Simulated mammography: {self._title}")
-        self.stages = KeptStages(self.path, (*inputs.labels, *inputs.voxels), reuse)
+        self.stages = StageCache(self.path, (*inputs.labels, *inputs.voxels), reuse)
         _remove_earlier_run(self.path)
         with whole_file(self.path / "config.yaml") as part:
             write_yaml(config.plain(), part)

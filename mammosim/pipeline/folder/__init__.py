@@ -1,0 +1,23 @@
+"""A run's folder: its files, its lock, and the stages kept in it."""
+
+from mammosim.pipeline.folder.lock import is_being_written, writing
+from mammosim.pipeline.folder.run_folder import (
+    RunFolder,
+    check_output,
+    is_finished,
+    read_record,
+    title_of,
+)
+from mammosim.pipeline.folder.stage_cache import STAGES_FOLDER, StageCache
+
+__all__ = [
+    "STAGES_FOLDER",
+    "RunFolder",
+    "StageCache",
+    "check_output",
+    "is_being_written",
+    "is_finished",
+    "read_record",
+    "title_of",
+    "writing",
+]
