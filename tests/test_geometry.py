@@ -26,6 +26,16 @@ def test_mlo_turns_superomedial_to_the_paddle_and_superolateral_to_the_top():
         np.testing.assert_allclose(lateral, [0, -medial * np.sqrt(2), 0], atol=1e-15)
 
 
+@pytest.mark.parametrize("laterality", ["L", "R"])
+def test_turns_are_those_of_the_rotation_and_undo_each_other(laterality):
+    view = View("MLO", laterality, 52.0)
+    points = np.random.default_rng(0).normal(0, 30, (4, 5, 3))
+    turned = view.compression_from_breast(points)
+    np.testing.assert_array_equal(turned, points @ view.rotation.T)
+    np.testing.assert_allclose(turned[1, 2], view.rotation @ points[1, 2], atol=1e-12)
+    np.testing.assert_allclose(view.breast_from_compression(turned), points, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("view", "message"),
     [(("XCC", "L"), "view: found 'XCC'"), (("CC", "left"), "laterality: found 'left'")],

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition.blocks import block_mean, cell_pixels
-from mammosim.projection.paths import PathLengths
+from mammosim.projection import PathLengths
 from mammosim.tissues import Material
 
 CELL_MM = 2.0  # scatter decays over 3 mm and more

@@ -17,7 +17,7 @@ from mammosim.acquisition.recording import Arrival, Exposure, arrive, record
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import rays_of
 from mammosim.config import to_settings
-from mammosim.projection.paths import PathLengths
+from mammosim.projection import PathLengths
 
 WHITE = 16383  # 14 bits
 COUNTS_PER_KEV_MM2 = 3.0e-5  # puts what exposure control aims at near 255 of 16383

@@ -18,7 +18,7 @@ from mammosim.acquisition.scatter import scatter_signal
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import Response, primary, response
 from mammosim.acquisition.spectrum import Beam, make_beam
-from mammosim.projection.paths import PathLengths
+from mammosim.projection import PathLengths
 from mammosim.tissues import composition
 
 

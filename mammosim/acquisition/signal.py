@@ -14,7 +14,7 @@ from mammosim.acquisition.detectors import Detector
 from mammosim.acquisition.heel import heel_ratio
 from mammosim.acquisition.spectrum import Beam
 from mammosim.geometry import Gantry
-from mammosim.projection.paths import PathLengths
+from mammosim.projection import PathLengths
 from mammosim.tissues import Material
 
 MERGED_BIN_KEV = 0.5

@@ -19,8 +19,7 @@ from mammosim.acquisition.signal import Response, response
 from mammosim.config import to_settings
 from mammosim.geometry import Gantry
 from mammosim.phantom import BreastPhantom, Lesion
-from mammosim.projection import PathLengths
-from mammosim.projection.channels import channels_of, host_channel
+from mammosim.projection import PathLengths, channels_of, host_channel
 from mammosim.tissues import composition
 
 CORE = 0.5

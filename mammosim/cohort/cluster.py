@@ -16,7 +16,7 @@ from distributed import Client, LocalCluster, get_worker
 from distributed.comm import resolve_address
 
 from mammosim.errors import InputError, Interrupted
-from mammosim.phantom.memory import available_bytes
+from mammosim.phantom import available_bytes
 
 CONNECT_S = 20.0
 """For a scheduler to answer, or to come back, before it is given up, s."""

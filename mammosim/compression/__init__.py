@@ -4,6 +4,8 @@ from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.compress import MODELS, compress
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.inverse import InverseMap
+from mammosim.compression.lattice import breast_volume_ml
+from mammosim.compression.plates import held_tissue, plate_edge_mm, population_thickness_mm
 from mammosim.compression.samples import Sample, Sampler
 from mammosim.compression.settings import CompressionSettings
 
@@ -15,5 +17,9 @@ __all__ = [
     "InverseMap",
     "Sample",
     "Sampler",
+    "breast_volume_ml",
     "compress",
+    "held_tissue",
+    "plate_edge_mm",
+    "population_thickness_mm",
 ]

@@ -197,7 +197,7 @@ def bounds_mm(breast: BreastPhantom, view: View) -> tuple[NDArray[np.float64], N
         for axis in range(2)
     )
     points = np.stack(np.broadcast_arrays(0.0, y[:, :, None], z[:, None, :]), axis=-1)
-    rotated = points.reshape(-1, 3) @ view.rotation.T
+    rotated = view.compression_from_breast(points.reshape(-1, 3))
     low, high = rotated.min(axis=0), rotated.max(axis=0)
     layers = np.zeros(breast.labels.shape[0], np.int64)
     tissue_reach(breast.labels, np.arange(256) > 0, layers)

@@ -116,6 +116,6 @@ def _weight(breast: BreastPhantom, view: View, lattice: Lattice) -> Forces:
     spacing = float(lattice.frame.spacing_mm[0])
     weight = tissue_mean(breast, view, lattice, density_g_cm3)
     weight *= np.float32(9.0 * 1e-3 * GRAVITY_M_S2 * spacing)
-    down = view.rotation @ np.array(DOWN)
+    down = view.compression_from_breast(DOWN)
     x, y, z = (weight * np.float32(part) if part != 0.0 else None for part in down)
     return (x, y, z)

@@ -13,9 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from mammosim.errors import InputError
 from mammosim.export.voxel_files import writer_of
 from mammosim.geometry import VoxelFrame
-from mammosim.phantom.readers import Volume, open_voxels
-from mammosim.phantom.translate import count_values, translated
-from mammosim.phantom.voxels import read_volume
+from mammosim.phantom import Volume, count_values, open_voxels, read_volume, translated
 from mammosim.tissues import load_label_map
 
 NUMBER_TYPES = (np.uint8, np.int8, np.uint16, np.int16, np.int32)

@@ -94,7 +94,7 @@ def _node_labels(squeezed: CompressedBreast) -> NDArray[np.uint8]:
     """Label of the phantom's voxel at each tissue node, 0 elsewhere."""
     field, phantom = squeezed.field, squeezed.phantom
     nodes = np.argwhere(field.tissue)
-    points = field.frame.position_mm(nodes) @ field.rotation
+    points = squeezed.view.breast_from_compression(field.frame.position_mm(nodes))
     voxels = np.rint(phantom.frame.index(points)).astype(np.intp)
     voxels = np.clip(voxels, 0, np.array(phantom.labels.shape) - 1)
     labels = np.zeros(field.tissue.shape, np.uint8)

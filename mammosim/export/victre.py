@@ -146,7 +146,7 @@ def _lesion_places_mm(squeezed: CompressedBreast) -> NDArray[np.float64]:
         return np.empty((0, 3))
     before = np.array([lesion.position_mm for lesion in lesions])
     after = before + squeezed.displacement_at(before)
-    return after @ squeezed.view.rotation.T
+    return squeezed.view.compression_from_breast(after)
 
 
 def _inserted(squeezed: CompressedBreast, places_mm: NDArray[np.float64], frame: VoxelFrame) -> str:

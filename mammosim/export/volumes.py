@@ -81,7 +81,7 @@ def write_displacement(field: DisplacementField, path: str | PathLike[str]) -> N
     `sitk.DisplacementFieldTransform` take it as that transform, which resamples a picture of the
     compressed breast onto the uncompressed one.
     """
-    to_lps = LPS_FROM_BREAST @ field.rotation.T
+    to_lps = _lps_from_compression(field.rotation)
     vectors = (field.displacement_mm @ to_lps.T).astype(np.float32)
     image = sitk.GetImageFromArray(
         np.ascontiguousarray(vectors.transpose(2, 1, 0, 3)), isVector=True
@@ -121,7 +121,7 @@ def read_displacement(
         If a file is not there or cannot be read, or both do not belong together.
     """
     vectors, nodes = _read(path), _read(lattice)
-    to_lps = LPS_FROM_BREAST @ view.rotation.T
+    to_lps = _lps_from_compression(view.rotation)
     moved = sitk.GetArrayFromImage(vectors)
     tissue = sitk.GetArrayFromImage(nodes)
     if moved.ndim != 4 or moved.shape != (*tissue.shape, 3):
@@ -154,7 +154,7 @@ def read_compressed_labels(
     """
     image = _read(path)
     labels = sitk.GetArrayFromImage(image).transpose(2, 1, 0)
-    to_lps = LPS_FROM_BREAST @ view.rotation.T
+    to_lps = _lps_from_compression(view.rotation)
     origin = to_lps.T @ np.array(image.GetOrigin())
     nx, ny, nz = labels.shape
     return labels, VoxelFrame(origin, np.array(image.GetSpacing()), (nx, ny, nz))
@@ -170,8 +170,13 @@ def _read(path: str | PathLike[str]) -> sitk.Image:
         raise InputError(f"{path}: cannot be read ({reason})") from None
 
 
+def _lps_from_compression(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) rotation from compression-frame vectors to LPS, from `View.rotation`."""
+    return LPS_FROM_BREAST @ rotation.T
+
+
 def _place(image: sitk.Image, frame: VoxelFrame, rotation: NDArray[np.float64]) -> None:
-    to_lps = LPS_FROM_BREAST @ rotation.T
+    to_lps = _lps_from_compression(rotation)
     image.SetSpacing([float(step) for step in frame.spacing_mm])
     image.SetOrigin([float(at) for at in to_lps @ frame.origin_mm])
     image.SetDirection([float(cosine) for cosine in to_lps.ravel()])

@@ -19,8 +19,7 @@ from mammosim.export.atomic import whole_file
 from mammosim.export.metaimage import write_metaimage
 from mammosim.export.volumes import write_labels
 from mammosim.geometry import VoxelFrame
-from mammosim.phantom.readers.axes import BREAST_AXES
-from mammosim.phantom.readers.tiff import AXES_KEY
+from mammosim.phantom import BREAST_AXES, TIFF_AXES_KEY
 
 MOST_TIFF_BYTES = 1 << 32
 """A TIFF's offsets have 32 bits (TIFF 6.0); ImageJ does not read BigTIFF with its description."""
@@ -51,7 +50,7 @@ def _write_tiff(values: NDArray[np.integer[Any]], frame: VoxelFrame, path: Path)
     width, height, depth = (float(step) for step in frame.spacing_mm)
     zero = -frame.origin_mm / frame.spacing_mm  # ImageJ keeps the index of the point 0
     described = {
-        "axes": "ZYX", "spacing": depth, "unit": "mm", AXES_KEY: BREAST_AXES,
+        "axes": "ZYX", "spacing": depth, "unit": "mm", TIFF_AXES_KEY: BREAST_AXES,
         **{f"{axis}origin": float(index) for axis, index in zip("xyz", zero, strict=True)},
     }  # fmt: skip
     with whole_file(path) as part:

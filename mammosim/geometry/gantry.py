@@ -89,14 +89,13 @@ class Gantry:
 
     def gantry_from_breast(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Breast-frame points (..., 3) to the gantry frame, mm."""
-        rotated = np.asarray(points_mm, dtype=np.float64) @ self.view.rotation.T
-        return rotated - [self.detector_edge_mm, 0.0, self.support_z_mm]
+        turned = self.view.compression_from_breast(points_mm)
+        return turned - [self.detector_edge_mm, 0.0, self.support_z_mm]
 
     def breast_from_gantry(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Gantry points (..., 3) to the breast frame, mm."""
         shift = np.array([self.detector_edge_mm, 0.0, self.support_z_mm])
-        turned: NDArray[np.float64] = (np.asarray(points_mm) + shift) @ self.view.rotation
-        return turned
+        return self.view.breast_from_compression(np.asarray(points_mm) + shift)
 
     def project(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Project gantry points through the focal spot onto the detector.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mammosim.errors import InputError
 from mammosim.geometry.frames import compression_from_breast
@@ -57,3 +57,22 @@ class View:
     def rotation(self) -> NDArray[np.float64]:
         """(3, 3) matrix from the breast frame to the compression frame."""
         return compression_from_breast(self.angle_deg, self.laterality)
+
+    def compression_from_breast(self, vectors: ArrayLike) -> NDArray[np.float64]:
+        """Turn vectors or points (..., 3) of the breast frame into the compression frame.
+
+        Both frames have the same origin, so that points turn as vectors do. Lengths keep their
+        unit.
+
+        Examples
+        --------
+        >>> View("ML", "L").compression_from_breast([5.0, -1.0, 0.0]).round(6).tolist()
+        [5.0, -0.0, 1.0]
+        """
+        turned: NDArray[np.float64] = np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+        return turned
+
+    def breast_from_compression(self, vectors: ArrayLike) -> NDArray[np.float64]:
+        """Turn vectors or points (..., 3) of the compression frame into the breast frame."""
+        turned: NDArray[np.float64] = np.asarray(vectors, dtype=np.float64) @ self.rotation
+        return turned

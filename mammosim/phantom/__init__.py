@@ -4,12 +4,20 @@ from mammosim.phantom.anatomy import GenerateSettings, generate_phantom
 from mammosim.phantom.breast import BreastPhantom, Landmark, Lesion, OpenEnd
 from mammosim.phantom.lesions import insert_lesions
 from mammosim.phantom.make import make_phantom
+from mammosim.phantom.memory import available_bytes
 from mammosim.phantom.open_end import as_held, leaves_picture, without_open_end
+from mammosim.phantom.place import tissue_at
 from mammosim.phantom.read import read_phantom
+from mammosim.phantom.readers import BREAST_AXES, TIFF_AXES_KEY, Volume, open_voxels
 from mammosim.phantom.settings import LandmarkSettings, LesionSettings, PhantomSettings
+from mammosim.phantom.size import expected_voxels
 from mammosim.phantom.summary import PhantomSummary, phantom_summary
+from mammosim.phantom.translate import count_values, translated
+from mammosim.phantom.voxels import read_volume
 
 __all__ = [
+    "BREAST_AXES",
+    "TIFF_AXES_KEY",
     "BreastPhantom",
     "GenerateSettings",
     "Landmark",
@@ -19,12 +27,20 @@ __all__ = [
     "OpenEnd",
     "PhantomSettings",
     "PhantomSummary",
+    "Volume",
     "as_held",
+    "available_bytes",
+    "count_values",
+    "expected_voxels",
     "generate_phantom",
     "insert_lesions",
     "leaves_picture",
     "make_phantom",
+    "open_voxels",
     "phantom_summary",
     "read_phantom",
+    "read_volume",
+    "tissue_at",
+    "translated",
     "without_open_end",
 ]

@@ -1,6 +1,7 @@
 """Rays through the deformed voxels: path lengths of each tissue at each pixel."""
 
 from mammosim.projection.arc import Arc, project_arc
+from mammosim.projection.channels import channels_of, host_channel, planes_with_labels
 from mammosim.projection.feasible import check_field, check_memory
 from mammosim.projection.paths import PathLengths
 from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
@@ -12,9 +13,12 @@ __all__ = [
     "PathLengths",
     "ProjectionSettings",
     "TomosynthesisSettings",
+    "channels_of",
     "check_field",
     "check_memory",
     "compressed_labels",
+    "host_channel",
+    "planes_with_labels",
     "project",
     "project_arc",
 ]

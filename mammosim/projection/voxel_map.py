@@ -86,7 +86,7 @@ def _nodes(squeezed: CompressedBreast) -> NDArray[np.float32]:
     phantom, original = squeezed.phantom, squeezed.inverse.original_mm
     nodes = np.ones((*original.shape[:3], 4), dtype=np.float32)
     for plane, place_mm in zip(nodes, original, strict=True):  # a plane at a time spares memory
-        index = phantom.frame.index(place_mm.astype(np.float64) @ squeezed.view.rotation)
+        index = phantom.frame.index(squeezed.view.breast_from_compression(place_mm))
         plane[..., :3] = index + 0.5
     return nodes
 

@@ -10,9 +10,7 @@ from typing import Literal
 import numpy as np
 
 from mammosim.acquisition import Mammogram
-from mammosim.compression import CompressedBreast
-from mammosim.compression.lattice import breast_volume_ml
-from mammosim.compression.plates import population_thickness_mm
+from mammosim.compression import CompressedBreast, breast_volume_ml, population_thickness_mm
 from mammosim.report.quantities import number
 from mammosim.report.texture import power_law_exponent
 

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.compression import CompressedBreast
-from mammosim.phantom import BreastPhantom
-from mammosim.phantom.place import tissue_at
+from mammosim.phantom import BreastPhantom, tissue_at
 from mammosim.targets.origins import Origin, mean_shift_mm, target_origins
 from mammosim.targets.target import Target
 
@@ -169,7 +168,7 @@ def _clip(
     biopsy: CompressedBreast,
 ) -> dict[str, Any]:
     """A clip at the lesion when the breast is released, and one left at the point aimed at."""
-    released = biopsy.view.rotation @ (origin.centre_mm - place)
+    released = biopsy.view.compression_from_breast(origin.centre_mm - place)
     row = {
         "aim_in_breast": False,
         "clip_along_mm": float(released[2]),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mammosim.compression import CompressedBreast, DisplacementField
+from mammosim.compression import CompressedBreast
 from mammosim.targets.origins import Origin
 from mammosim.targets.target import Target
 
@@ -29,7 +29,7 @@ def target_doubts(
         what = f"{squeezed.view.folder}: {target.kind} '{target.name}'"
         if target.kind == "nipple":
             what = f"{squeezed.view.folder}: the nipple"
-        if squeezed.model != "none" and not _beside_lattice(squeezed.field, origin):
+        if squeezed.model != "none" and not _beside_lattice(squeezed, origin):
             notes.append(
                 f"{what} is not in the mechanical lattice (its tissue does not reach the chest "
                 "wall, or is finer than the lattice); its shift is that of the nearest nodes"
@@ -39,12 +39,14 @@ def target_doubts(
     return tuple(notes)
 
 
-def _beside_lattice(field: DisplacementField, origin: Origin) -> bool:
+def _beside_lattice(squeezed: CompressedBreast, origin: Origin) -> bool:
     """Whether any of a target's points has a tissue node next to it.
 
     The tip of a nipple, less than half a node's block, has one behind it that it moves with.
     """
-    index = np.rint(field.frame.index(origin.points_mm @ field.rotation.T)).astype(np.intp)
+    field = squeezed.field
+    points = squeezed.view.compression_from_breast(origin.points_mm)
+    index = np.rint(field.frame.index(points)).astype(np.intp)
     around = index[:, None] + np.indices((3, 3, 3)).reshape(3, -1).T - 1
     around = around.reshape(-1, 3)
     inside = ((around >= 0) & (around < field.frame.shape)).all(axis=1)

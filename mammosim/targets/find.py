@@ -130,7 +130,7 @@ def _deformed(origin: Origin, squeezed: CompressedBreast) -> dict[str, Any]:
 
 def _along_and_across(shift_mm: NDArray[np.float64], squeezed: CompressedBreast) -> dict[str, Any]:
     """The shift along the plates' normal, towards the paddle, and its length across it."""
-    across_x, across_y, along = squeezed.view.rotation @ shift_mm
+    across_x, across_y, along = squeezed.view.compression_from_breast(shift_mm)
     return {
         "shift_along_mm": float(along),
         "shift_across_mm": float(np.hypot(across_x, across_y)),

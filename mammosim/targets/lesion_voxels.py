@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from mammosim.phantom import BreastPhantom
-from mammosim.projection.channels import planes_with_labels
+from mammosim.projection import planes_with_labels
 
 
 def lesion_voxels(phantom: BreastPhantom) -> dict[int, NDArray[np.intp]]:

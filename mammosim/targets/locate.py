@@ -269,10 +269,11 @@ def _in_tissue(
     known = np.asarray(np.isfinite(points).all(axis=1))
     field = sight.field
     if sight.labels is not None and sight.labels_frame is not None:
-        compressed = sight.gantry.breast_from_gantry(sight.ray_mm(height_mm)) @ field.rotation.T
+        ray = sight.gantry.breast_from_gantry(sight.ray_mm(height_mm))
+        compressed = sight.gantry.view.compression_from_breast(ray)
         return known & _at(sight.labels, sight.labels_frame, compressed)
-    rotated = np.where(known[:, None], points, 0.0) @ field.rotation.T
-    return known & _at(field.tissue, field.frame, rotated)
+    at_rest = sight.gantry.view.compression_from_breast(np.where(known[:, None], points, 0.0))
+    return known & _at(field.tissue, field.frame, at_rest)
 
 
 def _at(

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from mammosim.errors import InputError
+from mammosim.phantom.readers.axes import BREAST_AXES
 from mammosim.phantom.readers.dicom_series import open_dicom_series
 from mammosim.phantom.readers.metaimage import open_metaimage
 from mammosim.phantom.readers.nifti import open_nifti
@@ -17,7 +18,7 @@ from mammosim.phantom.readers.nrrd import open_nrrd
 from mammosim.phantom.readers.numpy_files import open_npy, open_npz
 from mammosim.phantom.readers.openvct import open_openvct
 from mammosim.phantom.readers.thesis import open_thesis
-from mammosim.phantom.readers.tiff import open_tiff
+from mammosim.phantom.readers.tiff import TIFF_AXES_KEY, open_tiff
 from mammosim.phantom.readers.volume import Volume, VoxelFile, Voxels
 
 READERS: dict[str, Callable[[Path], VoxelFile]] = {
@@ -76,4 +77,12 @@ def _reader_of(path: Path) -> Callable[[Path], VoxelFile]:
     return READERS[max(matching, key=len)]
 
 
-__all__ = ["READERS", "Volume", "VoxelFile", "Voxels", "open_voxels"]
+__all__ = [
+    "BREAST_AXES",
+    "READERS",
+    "TIFF_AXES_KEY",
+    "Volume",
+    "VoxelFile",
+    "Voxels",
+    "open_voxels",
+]

@@ -33,7 +33,7 @@ from mammosim.phantom.readers.volume import (
     reason_of,
 )
 
-AXES_KEY = "patient_axes"
+TIFF_AXES_KEY = "patient_axes"
 """Key of ImageJ's description under which mammosim writes the letters of the axes."""
 
 MM_OF_UNIT = {
@@ -79,7 +79,7 @@ def open_tiff(path: Path) -> VoxelFile:
     promised = shape[0] * shape[1] * shape[2] * dtype.itemsize
     check_promise(promised, path.stat().st_size, MAX_RATIO if compressed else 1.0, path)
     spacing = _spacing(imagej, ome, resolution, path)
-    axes = str(imagej.get(AXES_KEY, ""))
+    axes = str(imagej.get(TIFF_AXES_KEY, ""))
     said = are_axes(axes) if axes else False
     size = np.ones(3) if spacing is None else spacing
     return VoxelFile(

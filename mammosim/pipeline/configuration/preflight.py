@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mammosim.acquisition import check_acquisition
-from mammosim.compression.plates import held_tissue, plate_edge_mm
+from mammosim.compression import held_tissue, plate_edge_mm
 from mammosim.errors import InputError
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, PhantomSettings, make_phantom

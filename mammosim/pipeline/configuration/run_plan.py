@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mammosim.compression import CompressionSettings
-from mammosim.phantom import PhantomSettings
-from mammosim.phantom.size import expected_voxels
+from mammosim.phantom import PhantomSettings, expected_voxels
 from mammosim.pipeline.configuration.run_config import RunConfig
 
 # Bytes and seconds below were measured with benchmarks/pipeline.py (see benchmarks/RESULTS.md) on

@@ -29,7 +29,7 @@ from mammosim.export import (
     write_table,
     write_text,
 )
-from mammosim.phantom.readers import open_voxels
+from mammosim.phantom import open_voxels
 from mammosim.pipeline.configuration.run_config import RunConfig, input_paths, without_paths
 from mammosim.pipeline.folder.stage_cache import StageCache
 from mammosim.projection import PathLengths, compressed_labels
