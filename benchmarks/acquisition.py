@@ -28,7 +28,7 @@ from mammosim.acquisition.attenuation import BEAM_MATERIALS, attenuation_per_mm
 from mammosim.acquisition.heel import heel_ratio
 from mammosim.acquisition.noise import noise_through_blur
 from mammosim.acquisition.quality import detective_efficiency, edge_mtf
-from mammosim.acquisition.scatter import boone_ratio, scatter_signal
+from mammosim.acquisition.scatter.convolution import boone_ratio, scatter_signal
 from mammosim.acquisition.spectrum import make_beam
 from mammosim.projection import project_arc
 

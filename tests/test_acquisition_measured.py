@@ -18,7 +18,7 @@ from mammosim.acquisition.blur import spot_width_mm
 from mammosim.acquisition.noise import noise_through_blur
 from mammosim.acquisition.quality import detective_efficiency, edge_mtf, noise_power
 from mammosim.acquisition.recording import Arrival, arrive, record
-from mammosim.acquisition.scatter import boone_ratio
+from mammosim.acquisition.scatter.convolution import boone_ratio
 from mammosim.acquisition.spectrum import make_beam
 from mammosim.config import write_yaml
 from mammosim.tissues import composition

@@ -1,11 +1,24 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from naive.acquisition import scatter as naive_scatter
+from naive.acquisition import semicircle_paths
+from naive.projection import phantom, unsqueezed
 from scipy.ndimage import map_coordinates
 
-from mammosim.acquisition.scatter import KERNELS, boone_ratio, scatter_signal
+from mammosim.acquisition import AcquisitionSettings, expose
+from mammosim.acquisition.coarse import coarse_paths
+from mammosim.acquisition.detectors import find_detector
+from mammosim.acquisition.recording import beam_for
+from mammosim.acquisition.scatter import SCATTER_MODELS, ScatterCase
+from mammosim.acquisition.scatter.convolution import KERNELS, boone_ratio, scatter_signal
+from mammosim.errors import InputError
+from mammosim.projection import project
+from mammosim.tissues import composition
 
 CELL_MM = 2.0
+MATERIALS = composition("hammerstein", "hydroxyapatite")
 
 
 def semicircle(diameter_cm, margin_mm=20.0, cell_mm=CELL_MM):
@@ -91,3 +104,75 @@ def test_thickness_beyond_the_kernels_takes_the_last_one():
     np.testing.assert_array_equal(
         scatter_signal(part, np.full(part.shape, 130.0), CELL_MM), at_limit
     )
+
+
+def case(**given) -> ScatterCase:
+    """A uniform semicircle with everything that a model may ask for but voxels."""
+    settings = AcquisitionSettings(kvp=28.0)
+    paths = semicircle_paths(12.0, 4.0, pixel_mm=1.0)
+    coarse = coarse_paths(paths, MATERIALS)
+    primary = np.where(coarse.inside, 1.0, 5.0)
+    return ScatterCase(
+        primary, coarse.tissue_mm, coarse.cell, paths.gantry, beam_for(settings, paths),
+        find_detector(settings.detector), settings.support_mm, MATERIALS, **given,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCATTER_MODELS)
+def test_every_model_returns_a_signal_of_the_cells_and_changes_nothing(name):
+    given = case()
+    before = given.primary.copy(), given.thickness_mm.copy()
+    scatter = SCATTER_MODELS[name](given)
+    assert scatter.shape == given.primary.shape
+    assert scatter.dtype == np.float64
+    assert (scatter >= 0.0).all()
+    np.testing.assert_array_equal(given.primary, before[0])
+    np.testing.assert_array_equal(given.thickness_mm, before[1])
+
+
+def test_a_model_is_chosen_by_name_and_true_and_false_still_mean_what_they_did():
+    paths = semicircle_paths(12.0, 4.0, pixel_mm=1.0)
+    keys = {"kvp": 28.0, "mas": 80.0, "noise": False}
+
+    def picture(scatter):
+        return expose(paths, scatter=scatter, **keys).for_processing
+
+    np.testing.assert_array_equal(picture({"model": "kernels"}), picture(True))
+    np.testing.assert_array_equal(picture({"model": "none"}), picture(False))
+    assert picture(True).mean() > picture(False).mean()
+
+
+def test_a_model_sees_the_breast_of_the_paths_or_the_one_given(monkeypatch):
+    seen = []
+
+    def model(given):
+        seen.append(given.breast)
+        return np.zeros_like(given.primary)
+
+    monkeypatch.setitem(SCATTER_MODELS, "kernels", model)
+    breast = unsqueezed(phantom(np.ones((20, 20, 20), np.uint8)), spacing_mm=5.0)
+    paths = project(breast, pixel_mm=2.0)
+    assert paths.breast is breast
+    keys = {"kvp": 28.0, "mas": 80.0}
+    expose(paths, **keys)
+    other = replace(breast)
+    expose(paths, breast=other, **keys)
+    expose(replace(paths, breast=None), **keys)
+    assert [each is one for each, one in zip(seen, (breast, other, None), strict=True)] == [
+        True
+    ] * 3
+
+
+@pytest.mark.parametrize(
+    ("scatter", "message"),
+    [
+        ({"model": "monte"}, "acquisition.scatter.model: found 'monte', expected one of kernels"),
+        ({"photon": 3}, "acquisition.scatter.photon: unknown key"),
+        ("kernels", "acquisition.scatter: found 'kernels', expected"),
+    ],
+)
+def test_a_scatter_section_that_cannot_be_used_is_one_mistake(scatter, message):
+    with pytest.raises(InputError) as caught:
+        expose(semicircle_paths(8.0, 4.0), scatter=scatter)
+    assert len(caught.value.problems) == 1
+    assert message in str(caught.value)

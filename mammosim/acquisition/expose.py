@@ -16,6 +16,7 @@ from mammosim.acquisition.presentation import present
 from mammosim.acquisition.recording import Arrival, Exposure, arrive, record
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import rays_of
+from mammosim.compression import CompressedBreast
 from mammosim.config import to_settings
 from mammosim.projection import PathLengths
 
@@ -25,7 +26,9 @@ CLEAR_OF_WHITE = 1.05  # room for noise above the brightest pixel of air
 
 
 @one_blas_thread
-def expose(paths: PathLengths, *, seed: int = 1, **keys: Any) -> Mammogram:
+def expose(
+    paths: PathLengths, *, seed: int = 1, breast: CompressedBreast | None = None, **keys: Any
+) -> Mammogram:
     """Expose a compressed breast and record its mammogram.
 
     Parameters
@@ -34,6 +37,9 @@ def expose(paths: PathLengths, *, seed: int = 1, **keys: Any) -> Mammogram:
         Path lengths through each tissue.
     seed : int
         Seed of the noise; the same seed gives the same picture, whatever the number of threads.
+    breast : CompressedBreast, optional
+        The voxels, for scatter models that trace photons through them; default `paths.breast`,
+        which `project` sets and loaded path lengths do not have.
     **keys
         Any key of `AcquisitionSettings`.
 
@@ -55,7 +61,7 @@ def expose(paths: PathLengths, *, seed: int = 1, **keys: Any) -> Mammogram:
     lines, glare, lag, dead pixels.
     """
     settings = to_settings(AcquisitionSettings, keys, "expose()", ("acquisition",))
-    arrival = arrive(paths, settings)
+    arrival = arrive(paths, settings, breast)
     rng = np.random.Generator(np.random.Philox(seed))
     signal, exposure = record(arrival, arrival.controlled_mas(), rng)
     pixel_mm2 = paths.pixel_mm**2

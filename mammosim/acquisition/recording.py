@@ -14,10 +14,11 @@ from mammosim.acquisition.coarse import CoarsePaths, coarse_paths
 from mammosim.acquisition.detectors import find_detector
 from mammosim.acquisition.exposure import TARGET_SIGNAL_KEV_MM2, dense_signal, kvp_by_thickness
 from mammosim.acquisition.noise import detect
-from mammosim.acquisition.scatter import scatter_signal
+from mammosim.acquisition.scatter import SCATTER_MODELS, ScatterCase
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import Response, primary, response
 from mammosim.acquisition.spectrum import Beam, make_beam
+from mammosim.compression import CompressedBreast
 from mammosim.projection import PathLengths
 from mammosim.tissues import composition
 
@@ -97,13 +98,17 @@ class Exposure:
     dense_noise: float
 
 
-def arrive(paths: PathLengths, settings: AcquisitionSettings) -> Arrival:
+def arrive(
+    paths: PathLengths, settings: AcquisitionSettings, breast: CompressedBreast | None = None
+) -> Arrival:
     """What reaches the detector: primary, blurred by focal spot and pixel, and scatter.
 
     Parameters
     ----------
     paths : PathLengths
     settings : AcquisitionSettings
+    breast : CompressedBreast, optional
+        Voxels for scatter models that want them, in place of `paths.breast`.
     """
     materials = composition(settings.composition, settings.calcification)
     beam = beam_for(settings, paths)
@@ -114,7 +119,12 @@ def arrive(paths: PathLengths, settings: AcquisitionSettings) -> Arrival:
     middle_mm = 0.5 * paths.thickness_mm
     spot_mm = spot_width_mm(settings.focal_spot_mm, paths.gantry, middle_mm)
     blur_shadow(signal, square, paths.pixel_mm, spot_mm)
-    ratio = _add_scatter(signal, square, coarse, settings)
+    case = ScatterCase(
+        block_mean(signal, coarse.cell), coarse.tissue_mm, coarse.cell, paths.gantry, beam,
+        detector, settings.support_mm, materials, breast or paths.breast,
+    )  # fmt: skip
+    scatter = SCATTER_MODELS[settings.scatter_model](case)
+    ratio = _add_scatter(signal, square, scatter, case.primary, coarse, settings)
     return Arrival(paths, settings, beam, unit, coarse, signal, square, ratio)
 
 
@@ -137,6 +147,8 @@ def beam_for(settings: AcquisitionSettings, paths: PathLengths) -> Beam:
 def _add_scatter(
     signal: NDArray[np.float32],
     square: NDArray[np.float32],
+    scatter: NDArray[np.float64],
+    primary_mean: NDArray[np.float64],
     coarse: CoarsePaths,
     settings: AcquisitionSettings,
 ) -> float:
@@ -144,11 +156,6 @@ def _add_scatter(
 
     The ratio is that in front of the grid, the median over the breast without its margin.
     """
-    primary_mean = block_mean(signal, coarse.cell)
-    if settings.scatter:
-        scatter = scatter_signal(primary_mean, coarse.tissue_mm, coarse.cell_mm)
-    else:
-        scatter = np.zeros_like(primary_mean)
     parts = (1.0, 1.0)
     if settings.grid:
         parts = (settings.grid_primary_transmission, settings.grid_scatter_transmission)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Annotated, Self
 
-from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from mammosim.acquisition.detectors import DETECTORS
+from mammosim.acquisition.scatter import DEFAULT_SCATTER, SCATTER_MODELS
 from mammosim.acquisition.spectrum import FILTER_MM
 from mammosim.acquisition.tube import KVP_RANGE, TARGETS
 from mammosim.config import Settings
@@ -53,10 +54,28 @@ def _names(names: Iterable[str]) -> WithJsonSchema:
 Target = Annotated[str, AfterValidator(_one_of(TARGETS)), _names(TARGETS)]
 Filter = Annotated[str, AfterValidator(_one_of(FILTER_MM)), _names(FILTER_MM)]
 DetectorName = Annotated[str, AfterValidator(_one_of(DETECTORS)), _names(DETECTORS)]
+ScatterModel = Annotated[str, AfterValidator(_one_of(SCATTER_MODELS)), _names(SCATTER_MODELS)]
 Calcification = Annotated[str, AfterValidator(_one_of(CALCIFICATIONS)), _names(CALCIFICATIONS)]
 Voltage = Annotated[float | None, AfterValidator(_voltage)]
 TubeLoad = Annotated[float | None, AfterValidator(_some_dose)]
 Composition = Annotated[str, AfterValidator(_set_or_file)]
+
+
+class ScatterSettings(Settings):
+    """How scattered radiation is computed."""
+
+    model: ScatterModel = DEFAULT_SCATTER
+    """Scatter model: kernels (by local thickness) or none."""
+
+
+def _scatter_kind(value: object) -> str:
+    return "bool" if isinstance(value, bool) else "ScatterSettings"
+
+
+Scatter = Annotated[
+    Annotated[bool, Tag("bool")] | Annotated[ScatterSettings, Tag("ScatterSettings")],
+    Discriminator(_scatter_kind),
+]
 
 
 class AcquisitionSettings(Settings):
@@ -101,8 +120,9 @@ class AcquisitionSettings(Settings):
     calcification: Calcification = "hydroxyapatite"
     """What calcifications are made of: hydroxyapatite, oxalate or carbonate."""
 
-    scatter: bool = True
-    """Whether scattered radiation is added."""
+    scatter: Scatter = True
+    """Scattered radiation: true for the default model, false for none, or a section with the
+    model's name."""
 
     grid: bool = True
     """Whether an anti-scatter grid is in front of the detector."""
@@ -118,6 +138,13 @@ class AcquisitionSettings(Settings):
 
     noise: bool = True
     """Whether quantum, electronic and fixed-pattern noise are added."""
+
+    @property
+    def scatter_model(self) -> str:
+        """Name of the scatter model, of `SCATTER_MODELS`."""
+        if isinstance(self.scatter, bool):
+            return DEFAULT_SCATTER if self.scatter else "none"
+        return self.scatter.model
 
     @model_validator(mode="after")
     def _heel_of_a_known_tube(self) -> Self:

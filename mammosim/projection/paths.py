@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim.compression import CompressedBreast
 from mammosim.geometry import Gantry
 
 
@@ -39,6 +40,9 @@ class PathLengths:
         Force on the paddle, N.
     clipped_fraction : float
         Fraction of the tissue volume whose 1/J was clipped to 0.5-2.
+    breast : CompressedBreast or None
+        What was projected, for scatter models that trace photons through voxels; None in path
+        lengths that were loaded from a file.
     """
 
     tissues: tuple[str, ...]
@@ -50,6 +54,7 @@ class PathLengths:
     thickness_mm: float
     force_n: float
     clipped_fraction: float
+    breast: CompressedBreast | None = None
 
     @property
     def pixel_mm(self) -> float:

@@ -92,6 +92,7 @@ def trace_onto(
         thickness_mm=squeezed.thickness_mm,
         force_n=squeezed.force_n,
         clipped_fraction=mapped.clipped_fraction if conserve_mass else 0.0,
+        breast=squeezed,
     )
 
 

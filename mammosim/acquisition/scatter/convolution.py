@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from mammosim.acquisition.scatter.scatter_case import ScatterCase
+
 # SPR = 1 / (a + b D^-1.5 + c T^-0.5), D and T in cm: Boone, Lindfors, Cooper & Seibert 2000,
 # Med Phys 27:2408, "Scatter/primary in mammography: comprehensive results". Monte Carlo for
 # semicircular breasts of diameter D = 3-30 cm and thickness T = 2-8 cm, Mo/Mo, air gap 15 mm, no
@@ -46,6 +48,11 @@ def boone_ratio(diameter_cm: float, thickness_cm: float) -> float:
     """
     a, b, c = BOONE
     return float(1.0 / (a + b * diameter_cm**-1.5 + c * thickness_cm**-0.5))
+
+
+def scatter_by_kernels(case: ScatterCase) -> NDArray[np.float64]:
+    """The scatter model `kernels`: needs path lengths only, no voxels."""
+    return scatter_signal(case.primary, case.thickness_mm, case.cell_mm)
 
 
 def scatter_signal(
