@@ -168,7 +168,7 @@ def test_a_model_sees_the_breast_of_the_paths_or_the_one_given(monkeypatch):
     [
         ({"model": "monte"}, "acquisition.scatter.model: found 'monte', expected one of kernels"),
         ({"photon": 3}, "acquisition.scatter.photon: unknown key"),
-        ("kernels", "acquisition.scatter: found 'kernels', expected"),
+        ("kernels", "acquisition.scatter: found 'kernels', expected true, false, or a section"),
     ],
 )
 def test_a_scatter_section_that_cannot_be_used_is_one_mistake(scatter, message):

@@ -68,13 +68,19 @@ class ScatterSettings(Settings):
     """Scatter model: kernels (by local thickness) or none."""
 
 
-def _scatter_kind(value: object) -> str:
-    return "bool" if isinstance(value, bool) else "ScatterSettings"
+def _scatter_kind(value: object) -> str | None:
+    if isinstance(value, dict | ScatterSettings):
+        return "ScatterSettings"
+    return "bool" if isinstance(value, bool) else None
 
 
 Scatter = Annotated[
     Annotated[bool, Tag("bool")] | Annotated[ScatterSettings, Tag("ScatterSettings")],
-    Discriminator(_scatter_kind),
+    Discriminator(
+        _scatter_kind,
+        custom_error_type="scatter",
+        custom_error_message="true, false, or a section as {model: kernels}",
+    ),
 ]
 
 
