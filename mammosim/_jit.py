@@ -8,9 +8,9 @@ vector width and number of threads.
 
 `contracting_kernel` and `contracting_parallel_kernel` also let the compiler fuse a multiplication
 and the addition that follows it, which is twice as fast in stencils and keeps NaN and infinity as
-they are. `inlined_kernel` and `merged_kernel` are for formulas and steps of such kernels;
-`sized_kernel` stays on one thread where arrays are small; `alternating_kernel` is for turns of a
-loop that write to their neighbours' elements.
+they are. `inlined_kernel` and `merged_kernel` are for formulas and steps of such kernels,
+`chosen_by_type` for families of formulas; `sized_kernel` stays on one thread where arrays are
+small; `alternating_kernel` is for turns of a loop that write to their neighbours' elements.
 
 Numba's own parallel loops are not used: each is compiled as a function of its own, three times over
 and in the function around it, which made the first run on a machine twice as long.
@@ -33,6 +33,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import llvmlite.binding
 import numba
+import numba.extending
 import numpy as np
 from numba.core.event import Event, Listener, install_listener
 from threadpoolctl import threadpool_limits
@@ -105,6 +106,38 @@ def sized_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     depend on the number of threads.
     """
     return _threaded(contracting_kernel(function), smallest_bytes=PARALLEL_BYTES)
+
+
+def chosen_by_type(function: Callable[..., Any]) -> Any:
+    """Make a formula stand for a family of them, one for each type of its first argument.
+
+    That argument is a NamedTuple of numbers: the parameters of a law, or of a solid.
+    ``@name.of(Kind)`` above a plain function makes it the formula for arguments of the class
+    `Kind`. Kernels are compiled for the classes that they are called with and no others, and each
+    formula becomes part of them as that of an `inlined_kernel` does: another member costs the rest
+    nothing.
+    """
+    formulas: dict[type, Callable[..., Any]] = {}
+
+    @wraps(function)
+    def chosen(first: Any, *others: Any) -> Any:
+        return formulas[type(first)](first, *others)
+
+    def of(kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+        def add(formula: Callable[..., Any]) -> Callable[..., Any]:
+            formulas[kind] = formula
+            return formula
+
+        return add
+
+    options = {"forceinline": True, "fastmath": {"contract"}, "error_model": "numpy"}
+
+    @numba.extending.overload(chosen, jit_options=options, strict=False)
+    def _compiled(first: Any, *others: Any) -> Callable[..., Any] | None:
+        return formulas.get(getattr(first, "instance_class", type(None)))
+
+    chosen.of = of  # type: ignore[attr-defined]
+    return chosen
 
 
 Thread = tuple[int, int, int, int]

@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 
-from mammosim.compression.hyperelastic._block_kernels import block_residual, hold
 from mammosim.compression.hyperelastic._element_kernels import element_volumes
-from mammosim.compression.hyperelastic.block_multigrid import (
-    BlockLevel,
-    BlockMultigrid,
-    conjugate_gradients,
-)
 from mammosim.compression.hyperelastic.body import Body
-from mammosim.compression.springs.multigrid import Workspace
+from mammosim.compression.multigrid import (
+    BlockLevel,
+    Multigrid,
+    ResidualBelow,
+    Workspace,
+    conjugate_gradients,
+    hold,
+)
+from mammosim.compression.multigrid._block_kernels import block_residual
 
 SHAPE = (8, 9, 11)
 
@@ -152,8 +154,8 @@ def test_multigrid_solves_the_tangent_of_a_near_incompressible_block():
     hold(stencil, body.free)
     level = BlockLevel.of(stencil, body.node_span)
     load = (rng.standard_normal(u.shape) * body.free).astype(np.float32)
-    solution, positive, cycles = conjugate_gradients(
-        BlockMultigrid(level, Workspace()), load.copy(), 1e-4, 60
+    solution, _, positive, cycles = conjugate_gradients(
+        Multigrid(level, Workspace()), load.copy(), ResidualBelow(1e-4), 60
     )
     left = np.zeros_like(load)
     level.residual(solution, load, left)

@@ -11,7 +11,8 @@ from mammosim.compression.hyperelastic._element_kernels import element_volumes
 from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import Contact, SurfacePoints
 from mammosim.compression.hyperelastic.newton import evaluate, minimise
-from mammosim.compression.springs.multigrid import Workspace
+from mammosim.compression.multigrid import Workspace
+from mammosim.compression.plates._straight_kernels import StraightPlate
 from mammosim.errors import InputError
 
 REFERENCE = Path(__file__).parents[2] / "shared" / "data" / "fem" / "R1_slide50_grid5mm.npz"
@@ -34,7 +35,8 @@ def block(cells=6):
 def between(body, cells, gap, stiffness=1e4):
     """Contact with plates all over, symmetric about the middle."""
     middle = 1 + cells / 2
-    return Contact(SurfacePoints.of(body), middle - gap / 2, middle + gap / 2, -1e3, 1.0, stiffness)
+    plates = tuple(StraightPlate(middle + side * gap / 2, side, -1e3, 1.0) for side in (1.0, -1.0))
+    return Contact(SurfacePoints.of(body), plates, stiffness)
 
 
 def uniaxial(stretch, local=5.0 * SHEAR):

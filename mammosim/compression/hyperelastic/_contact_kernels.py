@@ -2,13 +2,13 @@
 
 Contact is tested at points of the surface: point n moves with element ``cells[n]``, in or beside
 which it lies at ``local[n]``, 0 to 1 inside, along each axis. Lengths are in lattice units. A plate
-is the rigid solid behind its face, from its edge forward, the edge rounded with a radius; `plates`
-is ``[[face z, side], ...]`` with side +1 for the paddle (solid above its face), -1 for the support.
+is a rigid solid of any shape that `depth_in_plate` knows.
 """
 
 import numpy as np
 
 from mammosim._jit import contracting_kernel, inlined_kernel
+from mammosim.compression.plates._plate_kernels import depth_in_plate
 
 SAMPLES = 4
 """Surface points near the plates' edge where the fraction passes one half between two cells."""
@@ -128,19 +128,6 @@ def _normal(fraction, i, j, k, p, q, r):
 
 
 @inlined_kernel
-def depth_in_plate(x, z, face, side, edge, radius):
-    """Depth of a place in a plate, the shortest way out, and the direction (x, z) of its push."""
-    inwards, behind = side * (z - face), x - edge
-    if inwards < radius and behind < radius:
-        ahead, below = radius - behind, radius - inwards
-        distance = np.sqrt(ahead * ahead + below * below)
-        return radius - distance, -ahead / distance, -side * below / distance
-    if inwards <= behind:
-        return inwards, 0.0, -side
-    return behind, -1.0, 0.0
-
-
-@inlined_kernel
 def _weight(local, n, corner):
     a = local[n, 0] if corner & 4 else 1.0 - local[n, 0]
     b = local[n, 1] if corner & 2 else 1.0 - local[n, 1]
@@ -162,44 +149,44 @@ def place_points(u, cells, local, out):
 
 
 @contracting_kernel
-def contact_pressure(places, plates, edge, radius, stiffness, out_pressure, out_push):
-    """Pressure ``max(0, stiffness depth)`` of each plate on each point, and its push.
+def contact_pressure(places, plate, stiffness, out_pressure, out_push):
+    """Pressure ``max(0, stiffness depth)`` of a plate on each point, and its push.
 
-    `out_pressure` is [plate, n]; `out_push` [plate, n, 2] the direction (x, z) of the push.
+    `out_pressure` is [n]; `out_push` [n, 3] the direction of the push, the plate's outward normal.
     """
     for n in range(places.shape[0]):
-        for plate in range(2):
-            depth, push_x, push_z = depth_in_plate(
-                places[n, 0], places[n, 2], plates[plate, 0], plates[plate, 1], edge, radius
-            )
-            out_pressure[plate, n] = max(0.0, stiffness * depth)
-            out_push[plate, n, 0] = push_x
-            out_push[plate, n, 1] = push_z
+        depth, push_x, push_y, push_z = depth_in_plate(
+            plate, places[n, 0], places[n, 1], places[n, 2]
+        )
+        out_pressure[n] = max(0.0, stiffness * depth)
+        out_push[n, 0] = push_x
+        out_push[n, 1] = push_y
+        out_push[n, 2] = push_z
 
 
 @contracting_kernel
 def add_contact_forces(pressure, push, area, cells, local, out_force):
     """Subtract the plates' forces on the nodes: `out_force` is the energy's derivative."""
     for n in range(cells.shape[0]):
-        for plate in range(2):
+        for plate in range(pressure.shape[0]):
             size = area[n] * pressure[plate, n]
             if size == 0.0:
                 continue
             for corner in range(8):
                 i, j = cells[n, 0] + corner // 4, cells[n, 1] + (corner // 2) % 2
                 k, share = cells[n, 2] + corner % 2, size * _weight(local, n, corner)
-                out_force[0, i, j, k] -= share * push[plate, n, 0]
-                out_force[2, i, j, k] -= share * push[plate, n, 1]
+                for d in range(3):
+                    out_force[d, i, j, k] -= share * push[plate, n, d]
 
 
 @contracting_kernel
 def add_contact_stiffness(pressure, push, area, stiffness, cells, local, out_stencil):
     """Add the stiffness of the points in contact, along the direction of the push."""
     for n in range(cells.shape[0]):
-        for plate in range(2):
+        for plate in range(pressure.shape[0]):
             if pressure[plate, n] == 0.0:
                 continue
-            x, z = push[plate, n, 0], push[plate, n, 1]
+            x, y, z = push[plate, n, 0], push[plate, n, 1], push[plate, n, 2]
             for node in range(8):
                 i, j = cells[n, 0] + node // 4, cells[n, 1] + (node // 2) % 2
                 k, own = cells[n, 2] + node % 2, _weight(local, n, node) * stiffness * area[n]
@@ -210,7 +197,13 @@ def add_contact_stiffness(pressure, push, area, stiffness, cells, local, out_ste
                         + other % 2 - node % 2
                     )  # fmt: skip
                     both = own * _weight(local, n, other)
-                    out_stencil[i, j, 9 * offset, k] += both * x * x
-                    out_stencil[i, j, 9 * offset + 2, k] += both * x * z
-                    out_stencil[i, j, 9 * offset + 6, k] += both * x * z
-                    out_stencil[i, j, 9 * offset + 8, k] += both * z * z
+                    block = 9 * offset
+                    out_stencil[i, j, block, k] += both * x * x
+                    out_stencil[i, j, block + 1, k] += both * x * y
+                    out_stencil[i, j, block + 2, k] += both * x * z
+                    out_stencil[i, j, block + 3, k] += both * x * y
+                    out_stencil[i, j, block + 4, k] += both * y * y
+                    out_stencil[i, j, block + 5, k] += both * y * z
+                    out_stencil[i, j, block + 6, k] += both * x * z
+                    out_stencil[i, j, block + 7, k] += both * y * z
+                    out_stencil[i, j, block + 8, k] += both * z * z

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from mammosim.compression.hyperelastic._element_kernels import energy_and_forces
 from mammosim.compression.hyperelastic._tangent_kernels import tangent_stencil
-from mammosim.compression.springs.multigrid import coarse_shape
+from mammosim.compression.multigrid import coarse_shape, row_spans
 
 CORNER_WEIGHT = 1.0 / 24.0
 """Weight of each corner in the deviatoric energy; 1/24 integrates every quadratic exactly."""
@@ -130,13 +130,6 @@ def nodes_of(elements: NDArray[np.bool_]) -> NDArray[np.bool_]:
     for axis in range(3):
         nodes |= np.roll(nodes, 1, axis)
     return nodes
-
-
-def row_spans(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """First and one past the last index along z where a mask is true, [x, y, 2]."""
-    some = mask.any(axis=2)
-    first, last = mask.argmax(axis=2), mask.shape[2] - mask[:, :, ::-1].argmax(axis=2)
-    return np.stack([np.where(some, first, 0), np.where(some, last, 0)], axis=2).astype(np.int32)
 
 
 def _tied(some: NDArray[np.bool_], anchor: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -1,14 +1,15 @@
 """Frictionless contact of the breast's surface with paddle and breast support.
 
-A plate is a rigid solid with a flat face and a rounded edge; a point of the surface that is inside
-it is pushed out along the shortest way, with a pressure in proportion to its depth (penalty method:
-Wriggers 2006, Computational Contact Mechanics, chapter 6).
+A plate is a rigid solid (`plates.SHAPES`); a point of the surface that is inside it is pushed out
+along the shortest way, with a pressure in proportion to its depth (penalty method: Wriggers 2006,
+Computational Contact Mechanics, chapter 6).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,35 +79,31 @@ class Contact:
     Parameters
     ----------
     points : SurfacePoints
-    lower, upper : float
-        z of the support's and the paddle's face.
-    edge, radius : float
-        x of the plates' edge, and the radius that rounds it.
+    plates : tuple of NamedTuple
+        Paddle and breast support, as `Plates.solids` gives them.
     stiffness : float
         Pressure a unit of depth, kPa.
     """
 
     points: SurfacePoints
-    lower: float
-    upper: float
-    edge: float
-    radius: float
+    plates: tuple[Any, ...]
     stiffness: float
 
-    @property
-    def _plates(self) -> NDArray[np.float64]:
-        return np.array([[self.upper, 1.0], [self.lower, -1.0]])
-
     def pressure(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Pressure of each plate on each point, [plate, n] kPa, and the push's direction (x, z).
+        """Pressure of each plate on each point, [plate, n] kPa, and the push's direction.
 
-        Plates are paddle and support.
+        Returns
+        -------
+        pressure : ndarray, [plate, n]
+            kPa; 0 where a point is outside.
+        push : ndarray, [plate, n, 3]
+            Unit normal of the plate.
         """
         places = self.points.places(u)
-        pressure, push = np.zeros((2, len(places))), np.zeros((2, len(places), 2))
-        kernels.contact_pressure(
-            places, self._plates, self.edge, self.radius, self.stiffness, pressure, push
-        )  # fmt: skip
+        pressure = np.zeros((len(self.plates), len(places)))
+        push = np.zeros((*pressure.shape, 3))
+        for number, plate in enumerate(self.plates):
+            kernels.contact_pressure(places, plate, self.stiffness, pressure[number], push[number])
         return pressure, push
 
     def energy(self, pressure: NDArray[np.float64]) -> float:
@@ -139,5 +136,5 @@ class Contact:
         self, pressure: NDArray[np.float64], push: NDArray[np.float64]
     ) -> tuple[float, float]:
         """Force along z of the paddle and of the support, kPa x face of an element."""
-        paddle, support = (pressure * push[:, :, 1]) @ self.points.area
+        paddle, support = (pressure * push[:, :, 2]) @ self.points.area
         return -float(paddle), float(support)

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression.hyperelastic import _block_kernels as blocks
-from mammosim.compression.hyperelastic.block_multigrid import (
-    BlockLevel,
-    BlockMultigrid,
-    conjugate_gradients,
-)
 from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import Contact
-from mammosim.compression.springs.multigrid import Workspace
+from mammosim.compression.multigrid import (
+    BlockLevel,
+    Multigrid,
+    ResidualBelow,
+    Workspace,
+    conjugate_gradients,
+    hold,
+)
 
 LARGEST_STEP = 2.0
 """Longest displacement of a node in one Newton step, element edges."""
@@ -61,7 +62,7 @@ class Value:
         Smallest J of any point of any element.
     force : ndarray, [3, x, y, z]
         Derivative of the energy by each free displacement.
-    pressure, push : ndarray, [plate, n] and [plate, n, 2]
+    pressure, push : ndarray, [plate, n] and [plate, n, 3]
         Of the plates on the surface points; see `Contact.pressure`.
     """
 
@@ -214,16 +215,16 @@ def _newton_direction(
         stencil.fill(0.0)
         body.add_tangent(u, geometric, stencil)
         contact.add_stiffness(value.pressure, value.push, stencil)
-        blocks.hold(stencil, body.free)
+        hold(stencil, body.free)
         level = BlockLevel.of(stencil, body.node_span)
-        multigrid = BlockMultigrid(level, workspace, eigenvalues)
+        multigrid = Multigrid(level, workspace, eigenvalues)
         force = (-value.force).astype(np.float32)
-        direction, positive, count = conjugate_gradients(multigrid, force, reduction, MOST_CYCLES)
-        cycles, eigenvalues = cycles + count, multigrid.eigenvalues
-        if positive or geometric == 0.0:
+        solved = conjugate_gradients(multigrid, force, ResidualBelow(reduction), MOST_CYCLES)
+        cycles, eigenvalues = cycles + solved.iterations, multigrid.eigenvalues
+        if solved.positive or geometric == 0.0:
             break
         geometric, indefinite, eigenvalues = 0.0, True, []
-    return direction.astype(np.float64), cycles, eigenvalues, indefinite
+    return solved.correction.astype(np.float64), cycles, eigenvalues, indefinite
 
 
 def _descend(

@@ -13,9 +13,8 @@ from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import PENALTY, Contact, SurfacePoints
 from mammosim.compression.hyperelastic.mesh import ALIGNED, Mesh
 from mammosim.compression.hyperelastic.newton import State, Step, minimise
+from mammosim.compression.multigrid import Workspace, add_interpolated
 from mammosim.compression.plates import EDGE_RADIUS_MM, Plates
-from mammosim.compression.springs import _stencil_kernels as stencils
-from mammosim.compression.springs.multigrid import Workspace
 
 FEWEST_NODES = 300
 """A body with fewer is no start for a finer one."""
@@ -108,14 +107,7 @@ class Stages:
     def contact(self, level: int, plates: Plates) -> Contact:
         """The surface of one of the bodies between plates."""
         corner, edge = self._frame(level)
-        return Contact(
-            self.points[level],
-            (plates.support_z_mm - corner[2]) / edge,
-            (plates.paddle_z_mm - corner[2]) / edge,
-            (plates.edge_mm - corner[0]) / edge,
-            EDGE_RADIUS_MM / edge,
-            PENALTY * self._softness,
-        )
+        return Contact(self.points[level], plates.solids(corner, edge), PENALTY * self._softness)
 
     def compress(self, plates: Plates) -> State:
         """State between plates, from rest."""
@@ -154,7 +146,7 @@ class Stages:
         increment = INCREMENT * open_plates.thickness_mm / max(closing, 1e-9)
         while True:
             part = min(1.0, done + increment)
-            between = _between(open_plates, plates, part)
+            between = open_plates.closing_to(plates, part)
             ahead = (part - done) / (done - gone) if done > gone else 0.0
             guess = u + ahead * (u - before)
             tolerance = final_tolerance if part == 1.0 else ON_THE_WAY
@@ -172,11 +164,15 @@ class Stages:
 
     def _touching(self, level: int, plates: Plates) -> Plates:
         """Plates that just touch the surface in front of their edge, or are where they end."""
-        contact, (corner, edge) = self.contact(level, plates), self._frame(level)
+        corner, edge = self._frame(level)
         places = self.points[level].cells + self.points[level].local
-        ahead = places[places[:, 0] > contact.edge]
+        ahead = places[places[:, 0] > (plates.edge_mm - corner[0]) / edge]
         low, high = (float(z) * edge + corner[2] for z in (ahead[:, 2].min(), ahead[:, 2].max()))
-        return Plates(min(low, plates.support_z_mm), max(high, plates.paddle_z_mm), plates.edge_mm)
+        return replace(
+            plates,
+            support_z_mm=min(low, plates.support_z_mm),
+            paddle_z_mm=max(high, plates.paddle_z_mm),
+        )
 
     def _minimise(
         self, body: Body, level: int, plates: Plates, u: NDArray[np.float64], tolerance: float
@@ -204,15 +200,8 @@ def interpolated(u: NDArray[np.float64], coarse: Body, fine: Body) -> NDArray[np
     """Displacement of a body from that of its coarsened one, each in its own lattice units."""
     whole = continued(u, coarse.nodes, layers=2)
     out, tissue = np.zeros((3, *fine.nodes.shape)), fine.nodes.astype(np.float64)
-    for d in range(3):
-        stencils.add_interpolated(whole[d], fine.node_span, tissue, out[d])
+    add_interpolated(whole, fine.node_span, np.repeat(tissue[None], 3, axis=0), out)
     return 2.0 * out * fine.free
-
-
-def _between(start: Plates, end: Plates, part: float) -> Plates:
-    lower = start.support_z_mm + part * (end.support_z_mm - start.support_z_mm)
-    upper = start.paddle_z_mm + part * (end.paddle_z_mm - start.paddle_z_mm)
-    return Plates(lower, upper, end.edge_mm)
 
 
 def _mean_modulus(body: Body) -> float:

@@ -16,27 +16,17 @@ them, beyond the tissue if need be: what is left over of a row otherwise takes a
 
 import numpy as np
 
-from mammosim._jit import contracting_kernel, contracting_parallel_kernel, inlined_kernel, share
-from mammosim.compression.springs._plate_kernels import foremost
+from mammosim._jit import (
+    contracting_kernel,
+    contracting_parallel_kernel,
+    inlined_kernel,
+    share,
+    sized_kernel,
+)
+from mammosim.compression.multigrid._row_kernels import column_stiffness, visited
+from mammosim.compression.plates._straight_kernels import foremost, lies_between
 
 _ONE = np.uint64(1)
-
-VECTOR = 16
-"""Nodes of a row that are visited together: single-precision numbers in the widest registers."""
-
-
-@inlined_kernel
-def visited(span, i, j, size):
-    """First and one past the last z index of a column, widened to whole vectors if there is room.
-
-    `size` is that of the array along z.
-    """
-    first, last = span[i, j, 0], span[i, j, 1]
-    if first >= last:
-        return np.uint64(0), np.uint64(0)
-    count = min(-(-(last - first) // VECTOR) * VECTOR, size - 2)
-    first = min(first, size - 1 - count)
-    return np.uint64(first), np.uint64(first + count)
 
 
 @inlined_kernel
@@ -134,35 +124,6 @@ def lattice_diagonal(thread, springs, span, out):
                     column_stiffness(springs, i, j, di, dj, first, last, stiffness)
                     for k in range(first, last):
                         row[k] += stiffness[0, k] + stiffness[1, k] + stiffness[2, k]
-
-
-@contracting_kernel
-def column_stiffness(springs, i, j, di, dj, first, last, out):
-    """Stiffness of the springs (di, dj, -1 .. 1) of each node of a column, `out` being [3, z].
-
-    The spring of a node to itself is 0.
-    """
-    if springs.ndim == 3:
-        own, other = springs[i, j], springs[i + di, j + dj]
-        for k in range(first, last):
-            e = own[k]
-            out[0, k] = min(e, other[k - _ONE])
-            out[1, k] = min(e, other[k])
-            out[2, k] = min(e, other[k + _ONE])
-    else:
-        for step in range(3):
-            flat = 9 * (di + 1) + 3 * (dj + 1) + step
-            row = out[step]
-            if flat > 13:
-                own = springs[flat - 14, i, j]
-                for k in range(first, last):
-                    row[k] = own[k]
-            elif flat < 13:
-                other, shift = springs[12 - flat, i + di, j + dj], np.uint64(step)
-                for k in range(first, last):
-                    row[k] = other[k + shift - _ONE]
-    if di == 0 and dj == 0:
-        out[1, first:last] = 0.0
 
 
 @contracting_parallel_kernel
@@ -277,8 +238,8 @@ def hold_between_faces(thread, u, force, diagonal, free, plates, slack, contact,
     """
     changes = 0
     for i in share(thread, 1, u.shape[0] - 1):
-        lower = plates.lower if i > plates.edge else -np.inf
-        upper = plates.upper if i > plates.edge else np.inf
+        lower = plates.lower if lies_between(i, plates) else -np.inf
+        upper = plates.upper if lies_between(i, plates) else np.inf
         for j in range(1, u.shape[1] - 1):
             for k in range(1, u.shape[2] - 1):
                 if free[i, j, k] > 0.0:
@@ -309,7 +270,9 @@ def hold_before_ends(
         for j in range(1, u.shape[1] - 1):
             for k in range(1, u.shape[2] - 1):
                 if free[i, j, k] > 0.0:
-                    end = foremost(k + uz[i, j, k], plates) if i <= plates.edge else np.inf
+                    end = np.inf
+                    if not lies_between(i, plates):
+                        end = foremost(k + uz[i, j, k], plates)
                     step = force[i, j, k] / diagonal[i, j, k]
                     before = contact[i, j, k]
                     after = _held(i + u[i, j, k] + step, chest, end, slack, before)
@@ -331,3 +294,13 @@ def _held(place, lower, upper, slack, before):
     if place < lower + (slack if before == -1 else 0.0):
         return -1
     return 0
+
+
+@sized_kernel
+def unheld_nodes(thread, free, contact, out):
+    """``out = free`` where `contact` is 0, else 0."""
+    for i in share(thread, 0, out.shape[0]):
+        for j in range(out.shape[1]):
+            row_f, row_c, row = free[i, j], contact[i, j], out[i, j]
+            for k in range(row.size):
+                row[k] = row_f[k] if row_c[k] == 0 else 0.0

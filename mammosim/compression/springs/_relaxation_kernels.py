@@ -5,12 +5,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mammosim._jit import contracting_kernel, inlined_kernel, kernel
+from mammosim.compression.plates._straight_kernels import foremost, lies_between
 from mammosim.compression.springs._exponential_kernels import (
     SHORTEST,
     spring_strain,
     stiffened,
 )
-from mammosim.compression.springs._plate_kernels import foremost
 
 
 class Springs(NamedTuple):
@@ -18,7 +18,9 @@ class Springs(NamedTuple):
 
     modulus: Any
     growth: Any
-    """None where springs are linear."""
+    """Enl of each node; None where springs are linear.
+
+    A spring then has the smaller stiffness of its two nodes at its strain."""
     force: Any
     """Along x, y and z, each an array or None."""
     visited: Any
@@ -30,7 +32,7 @@ def sweep(springs, x, y, z, orders, plates, chest, sums):
     """Visit every free tissue node once and move it; in place, one after another.
 
     `orders` are the indices along x, y and z in the order of their visit; `plates` is a
-    `PlateSolids` and `chest` the x of the chest wall; `x`, `y`, `z` are places in lattice units.
+    `StraightGap` and `chest` the x of the chest wall; `x`, `y`, `z` are places in lattice units.
     `sums` receives the summed |dx|, |dy|, |dz| of the counted nodes (between the plates and
     touching neither) and their number. The step is F / W where W sums the stiffness of all 27
     terms, the node's own included; of springs that stiffen, the slope of their force.
@@ -42,7 +44,7 @@ def sweep(springs, x, y, z, orders, plates, chest, sums):
     length = np.empty((3, 3, 3))
     sums[:] = 0.0
     for i in orders[0]:
-        between = i > plates.edge
+        between = lies_between(i, plates)
         for j in orders[1]:
             for k in orders[2]:
                 if visited[i, j, k] == 0:

@@ -16,10 +16,16 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim.compression.multigrid import (
+    ErrorBelow,
+    Multigrid,
+    ScalarLevel,
+    Workspace,
+    conjugate_gradients,
+    vectors,
+)
 from mammosim.compression.springs import _lattice_kernels as lattice
-from mammosim.compression.springs import _vector_kernels as vectors
-from mammosim.compression.springs.levels import LatticeLevel
-from mammosim.compression.springs.multigrid import Multigrid, Workspace, conjugate_gradients
+from mammosim.compression.springs.levels import level_of
 from mammosim.compression.springs.problem import SpringProblem, SpringState
 from mammosim.compression.springs.resolution import (
     Displacement,
@@ -141,9 +147,9 @@ class _Run:
     workspace: Workspace = field(default_factory=Workspace)
 
     @cached_property
-    def level(self) -> LatticeLevel:
+    def level(self) -> ScalarLevel:
         """The lattice of which nothing but its fixed nodes is held."""
-        return LatticeLevel.of(self.problem)
+        return level_of(self.problem)
 
     @cached_property
     def unheld(self) -> Multigrid:
@@ -177,7 +183,7 @@ class _Run:
         load_x, load_y = (np.zeros(uz.shape, np.float32) for _ in range(2))
         stretch = self.workspace.array("stretch", uz.shape)
         lattice.cell_stretch(self.problem.modulus, uz, stretch)
-        lattice.stretch_loads(self.level.springs, self.level.span, stretch, load_x, load_y)
+        lattice.stretch_loads(self.problem.springs, self.level.span, stretch, load_x, load_y)
         for force, load in zip(self.problem.force[:2], (load_x, load_y), strict=True):
             if force is not None:
                 vectors.add_scaled(np.float32(1.0), force, load)
@@ -199,12 +205,10 @@ class _Run:
             if changes == 0 and left <= self.tolerance:
                 axis.keep()
                 return left, True
-            correction, error = conjugate_gradients(
-                axis.multigrid, force, self.tolerance / REMAINS, REDUCTION if changes else 0.0,
-                MAX_STEPS,
-            )  # fmt: skip
-            vectors.add_scaled(1.0, correction, axis.u)
-            left = REMAINS * error
+            stop = ErrorBelow(self.tolerance / REMAINS, REDUCTION if changes else 0.0)
+            solved = conjugate_gradients(axis.multigrid, force, stop, MAX_STEPS)
+            vectors.add_scaled(1.0, solved.correction, axis.u)
+            left = REMAINS * solved.measure
             row = np.array([(len(self.rows), nodes, axis.name, left, axis.held)], HISTORY)[0]
             self.rows.append(row)
             if self.watch is not None:
@@ -285,7 +289,7 @@ class _Axis:
         force.fill(0.0)
         self._look(force)
 
-    def _force_on(self, level: LatticeLevel) -> NDArray[np.floating]:
+    def _force_on(self, level: ScalarLevel) -> NDArray[np.floating]:
         force = self._run.workspace.array("force", self.u.shape)
         level.residual(self.u, self._load, force)
         return force
@@ -306,7 +310,7 @@ class _Axis:
         """
         level = self._run.level
         free = self._run.workspace.array("free", self.u.shape)
-        vectors.unheld_nodes(level.free, self._contact, free)
+        lattice.unheld_nodes(level.free, self._contact, free)
         finest = replace(level, free=free)
         self._stale = self._multigrid is not None and changes <= STALE_PART * self.held
         if self._multigrid is None or not self._stale:

@@ -16,13 +16,19 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim.compression.multigrid import (
+    ErrorBelow,
+    Multigrid,
+    ScalarLevel,
+    Workspace,
+    conjugate_gradients,
+    vectors,
+)
 from mammosim.compression.springs import _lattice_kernels as lattice
-from mammosim.compression.springs import _vector_kernels as vectors
 from mammosim.compression.springs._exponential_kernels import strain_springs
 from mammosim.compression.springs.equilibrium import HISTORY, REDUCTION, SLACK
 from mammosim.compression.springs.equilibrium import solve as solve_linear
-from mammosim.compression.springs.levels import LatticeLevel
-from mammosim.compression.springs.multigrid import Multigrid, Workspace, conjugate_gradients
+from mammosim.compression.springs.levels import lattice_level
 from mammosim.compression.springs.problem import SpringProblem, SpringState
 from mammosim.compression.springs.resolution import Displacement
 
@@ -154,8 +160,8 @@ class _Run:
             level = replace(level, free=self.free * (axis.contact == 0))
             self._net_force(axis, level.free, force)
         multigrid = Multigrid(level, self.workspace)
-        correction, _ = conjugate_gradients(multigrid, force, 0.3 * self.tolerance, REDUCTION, 3)
-        axis.step(correction)
+        stop = ErrorBelow(0.3 * self.tolerance, REDUCTION)
+        axis.step(conjugate_gradients(multigrid, force, stop, 3).correction)
         row = np.array([(len(self.rows), self.nodes, axis.name, axis.longest, axis.held)], HISTORY)[
             0
         ]
@@ -164,7 +170,7 @@ class _Run:
             self.watch(row)
         return changes
 
-    def _level(self, name: str) -> LatticeLevel:
+    def _level(self, name: str) -> ScalarLevel:
         """Springs at their present strain, and the lattice of their slopes along an axis."""
         problem = self.problem
         lattice.cell_stretch(problem.modulus, self.displacement[2], self.stretch)
@@ -172,9 +178,7 @@ class _Run:
             problem.modulus, problem.growth, *self.displacement, self.stretch,
             "xyz".index(name), self.stiffness, self.slope,
         )  # fmt: skip
-        diagonal = np.zeros(self.free.shape, np.float32)
-        lattice.lattice_diagonal(self.slope, self.span, diagonal)
-        return LatticeLevel(self.slope, self.span, diagonal, self.free)
+        return lattice_level(self.slope, self.span, self.free)
 
     def _net_force(
         self, axis: _Axis, free: NDArray[np.float32], force: NDArray[np.floating]
@@ -212,7 +216,7 @@ class _Axis:
         self._part, self._most = FIRST_STEP, 1.0
         self._before = np.zeros(u.shape, np.float32)
 
-    def hold(self, level: LatticeLevel, force: NDArray[np.floating], slack: float) -> int:
+    def hold(self, level: ScalarLevel, force: NDArray[np.floating], slack: float) -> int:
         """Find the nodes that an obstacle holds; how many came or went."""
         if self._hold_nodes is None:
             return 0

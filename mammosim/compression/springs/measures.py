@@ -11,7 +11,7 @@ from mammosim.compression.springs._measure_kernels import (
     touching_area,
 )
 from mammosim.compression.springs.exponential import strained
-from mammosim.compression.springs.levels import LatticeLevel
+from mammosim.compression.springs.levels import level_of
 from mammosim.compression.springs.problem import SpringProblem, SpringState
 from mammosim.compression.springs.resolution import Displacement
 
@@ -98,7 +98,7 @@ def _contact(
     force = np.zeros(uz.shape, np.float32)
     if problem.growth is not None:
         problem = strained(problem, state.displacement)
-    LatticeLevel.of(problem).residual(uz, problem.force[2], force)
+    level_of(problem).residual(uz, problem.force[2], force)
     z = np.arange(uz.shape[2]) + uz
     between = np.arange(uz.shape[0])[:, None, None] > problem.edge
     contact = np.zeros(uz.shape, np.int8)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression.springs._plate_kernels import PlateSolids
+from mammosim.compression.multigrid import row_spans
+from mammosim.compression.plates._straight_kernels import StraightGap
 
 Forces = tuple[NDArray[np.float32] | None, NDArray[np.float32] | None, NDArray[np.float32] | None]
 
@@ -69,15 +70,20 @@ class SpringProblem:
         return self.modulus > 0.0
 
     @property
-    def plates(self) -> PlateSolids:
+    def springs(self) -> NDArray[np.float32]:
+        """Stiffness of each spring or, where that is not given, modulus of each node."""
+        return self.modulus if self.stiffness is None else self.stiffness
+
+    @property
+    def plates(self) -> StraightGap:
         """The plates as kernels take them."""
-        return PlateSolids(
+        return StraightGap(
             float(self.lower), float(self.upper), float(self.edge), float(self.edge_radius)
         )
 
     def span(self) -> NDArray[np.int32]:
         """First and one past the last z index with tissue in each column, [x, y, 2]."""
-        return columns_span(self.tissue)
+        return row_spans(self.tissue)
 
     def released(self) -> SpringProblem:
         """The same lattice with the plates taken away."""
@@ -106,12 +112,3 @@ class SpringState:
     error: float
     history: NDArray[np.void]
     interrupted: bool = False
-
-
-def columns_span(nodes: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """First and one past the last z index of the nodes in each column, [x, y, 2]; 0 if none."""
-    some, last = nodes.any(axis=2), nodes.shape[2]
-    span = np.zeros((*nodes.shape[:2], 2), np.int32)
-    span[..., 0] = np.where(some, nodes.argmax(axis=2), 0)
-    span[..., 1] = np.where(some, last - nodes[:, :, ::-1].argmax(axis=2), 0)
-    return span

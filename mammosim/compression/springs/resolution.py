@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 
 from mammosim.compression.connectivity import held_together
 from mammosim.compression.continuation import continued
-from mammosim.compression.springs._stencil_kernels import add_interpolated, restrict
-from mammosim.compression.springs.levels import coarse_shape, whole_rows
+from mammosim.compression.multigrid import (
+    add_interpolated,
+    coarse_shape,
+    restrict,
+    whole_rows,
+)
 from mammosim.compression.springs.problem import SpringProblem
 
 Displacement = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]

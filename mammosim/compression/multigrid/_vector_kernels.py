@@ -1,4 +1,4 @@
-"""Kernels of the conjugate gradients: sums a slab at a time, in one order for any thread count."""
+"""Kernels of vectors: sums a slab at a time, in one order for any thread count."""
 
 import numpy as np
 
@@ -70,27 +70,3 @@ def masked_inverse(thread, mask, a, out):
             row_m, row_a, row = mask[i, j], a[i, j], out[i, j]
             for k in range(row.size):
                 row[k] = row_m[k] / row_a[k] if row_a[k] > 0.0 else 0.0
-
-
-@sized_kernel
-def unheld_nodes(thread, free, contact, out):
-    """``out = free`` where `contact` is 0, else 0."""
-    for i in share(thread, 0, out.shape[0]):
-        for j in range(out.shape[1]):
-            row_f, row_c, row = free[i, j], contact[i, j], out[i, j]
-            for k in range(row.size):
-                row[k] = row_f[k] if row_c[k] == 0 else 0.0
-
-
-def dot(a: np.ndarray, b: np.ndarray) -> float:
-    """Inner product of two arrays, the same to the last bit for any number of threads."""
-    parts = np.empty(a.shape[0])
-    slab_dots(a, b, parts)
-    return float(parts.sum())
-
-
-def largest(a: np.ndarray) -> float:
-    """Largest absolute value of an array."""
-    parts = np.empty(a.shape[0])
-    slab_largest(a, parts)
-    return float(parts.max())

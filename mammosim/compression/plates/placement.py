@@ -1,8 +1,8 @@
-"""Paddle and breast support: where their faces and their edge are."""
+"""Where paddle and breast support go: their faces and their edge."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from mammosim.compression.lattice import (
     breast_volume_ml,
     tissue_front,
 )
+from mammosim.compression.plates.solids import Plates
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
 from mammosim.geometry import View
@@ -22,25 +23,8 @@ from mammosim.phantom import BreastPhantom
 EDGE_BEFORE_WALL_MM = 5.0
 """Plates' edge in front of the chest wall or fixed muscle, mm: tissue needs room to bend there."""
 
-EDGE_RADIUS_MM = 3.0
-"""Of the rounding at the plates' edge; the paddle of FDA's VICTRE has it."""
-
 MOST_OF_HEIGHT = 0.8
 """A thickness from the population fit is at most this part of the breast's own height."""
-
-
-@dataclass(frozen=True)
-class Plates:
-    """Heights of the plates' faces (compression frame) and x of their edge (breast frame), mm."""
-
-    support_z_mm: float
-    paddle_z_mm: float
-    edge_mm: float
-
-    @property
-    def thickness_mm(self) -> float:
-        """Gap between the faces, mm."""
-        return self.paddle_z_mm - self.support_z_mm
 
 
 def population_thickness_mm(view: str, volume_ml: float) -> float:

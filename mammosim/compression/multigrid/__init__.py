@@ -1,0 +1,37 @@
+"""Geometric multigrid for lattices, as a preconditioner of conjugate gradients, of every model."""
+
+from mammosim.compression.multigrid.block_level import BlockLevel, hold
+from mammosim.compression.multigrid.conjugate_gradients import (
+    ErrorBelow,
+    ResidualBelow,
+    Solved,
+    conjugate_gradients,
+)
+from mammosim.compression.multigrid.cycle import Cycle, Level, Multigrid, v_cycle
+from mammosim.compression.multigrid.grids import coarse_shape, row_spans, whole_rows
+from mammosim.compression.multigrid.scalar_level import Operator, ScalarLevel, stencil_level
+from mammosim.compression.multigrid.transfers import add_interpolated, restrict
+from mammosim.compression.multigrid.workspace import Field, Workspace
+
+__all__ = [
+    "BlockLevel",
+    "Cycle",
+    "ErrorBelow",
+    "Field",
+    "Level",
+    "Multigrid",
+    "Operator",
+    "ResidualBelow",
+    "ScalarLevel",
+    "Solved",
+    "Workspace",
+    "add_interpolated",
+    "coarse_shape",
+    "conjugate_gradients",
+    "hold",
+    "restrict",
+    "row_spans",
+    "stencil_level",
+    "v_cycle",
+    "whole_rows",
+]
