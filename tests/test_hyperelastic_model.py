@@ -209,7 +209,7 @@ def test_agrees_with_a_finite_element_code():
 
 def far_from_plates(body):
     plates = tuple(StraightPlate(1e3 * side, side, -1e3, 1.0) for side in (1.0, -1.0))
-        return Contact(SurfacePoints.of(body), plates, 1.0)
+    return Contact(SurfacePoints.of(body), plates, 1.0)
 
 
 def energy_of_a_stiff_ball(cells, radius, ratio, strain):
