@@ -259,7 +259,9 @@ def test_a_nearly_incompressible_block_neither_locks_nor_shows_a_checkerboard():
         held = np.zeros((3, *shape), bool)
         held[:, :, :, 1] = True
         body = Body.of(fraction, SHEAR * fraction, BULK * fraction, held)
-        contact = Contact(SurfacePoints.of(body), -1e3, 1 + 0.8 * cells, -1e3, 1.0, 1e4)
+        faces = ((1 + 0.8 * cells, 1.0), (-1e3, -1.0))
+        plates = tuple(StraightPlate(face, side, -1e3, 1.0) for face, side in faces)
+        contact = Contact(SurfacePoints.of(body), plates, 1e4)
         state = minimise(body, contact, np.zeros((3, *shape)), 1e-3, Workspace())
         assert state.converged
         forces.append(contact.plate_force(state.value.pressure, state.value.push)[0] / cells**2)
