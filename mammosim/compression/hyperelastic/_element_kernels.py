@@ -10,9 +10,12 @@ the corner; at the centre they are the mean of the four parallel edges. Weights 
 integrate every quadratic exactly, and the volume of a trilinear hexahedron too: J has no monomial
 of even degree beyond the squares.
 
-Of the bulk modulus, `local_part` shear moduli act at each of the nine points, by a penalty that is
-a barrier against folding; the rest acts on the mean over the element, so that nothing locks.
+The energy of a change of shape is a law's (`laws`). Of the bulk modulus, `local_part` shear moduli
+act at each of the nine points, by a penalty that is a barrier against folding; the rest acts on the
+mean over the element, so that nothing locks.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +26,7 @@ from mammosim._jit import (
     merged_kernel,
     share,
 )
+from mammosim.compression.hyperelastic.laws._law_kernels import law_stress
 
 CENTRE_VOLUME = 2.0 / 3.0
 CORNER_VOLUME = 1.0 / 24.0
@@ -37,19 +41,14 @@ NODE = tuple(np.intp(3 * node) for node in range(8))
 """First of the three rows of each node's force."""
 
 _ONE = np.uint64(1)
-_SEED = np.int32(0x548C39CB)
-"""Bits of the single-precision seed of 1 / cbrt(x): exponent and mantissa divided by minus 3."""
 
 
-@inlined_kernel
-def inverse_cube_root(x):
-    """x^(-1/3) for x > 0 by four Newton steps from a bitwise seed good to 4 %; to 1e-9."""
-    bits = np.int32(_SEED - np.float32(x).view(np.int32) // np.int32(3))
-    y = np.float64(bits.view(np.float32))
-    y = y * (4.0 - x * y * y * y) * (1.0 / 3.0)
-    y = y * (4.0 - x * y * y * y) * (1.0 / 3.0)
-    y = y * (4.0 - x * y * y * y) * (1.0 / 3.0)
-    return y * (4.0 - x * y * y * y) * (1.0 / 3.0)
+class ElementRule(NamedTuple):
+    """How an element's energy is summed: see the constants of these names in `body`."""
+
+    corner_weight: float
+    local_part: float
+    least_volume: float
 
 
 @inlined_kernel
@@ -80,27 +79,6 @@ def squared(a, b, c):
         + b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
         + c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
     )  # fmt: skip
-
-
-@inlined_kernel
-def volume_factor(volume, least):
-    """phi = J^(-2/3) and its first two derivatives, continued by its parabola below J = `least`.
-
-    The parabola keeps the energy finite, and its slope unfolding, where an element is inverted on
-    the way to the solution.
-    """
-    bounded = max(volume, least)
-    root = inverse_cube_root(bounded)
-    inverse = 1.0 / bounded
-    value = root * root
-    slope = -(2.0 / 3.0) * value * inverse
-    curvature = -(5.0 / 3.0) * slope * inverse
-    below = volume - bounded
-    return (
-        value + below * (slope + 0.5 * below * curvature),
-        slope + below * curvature,
-        curvature,
-    )
 
 
 @inlined_kernel
@@ -166,15 +144,13 @@ def mean_of_four(a, b, c, d):
 
 
 @inlined_kernel
-def _point_force(a, b, c, shear, pressure, weight, volume_weight, local, least):
+def _point_force(a, b, c, law, shear, pressure, weight, volume_weight, local, least):
     """Weighted first Piola-Kirchhoff stress (its columns) and energy at one point."""
-    invariant = squared(a, b, c)
     volume = determinant(a, b, c)
-    factor, slope, _ = volume_factor(volume, least)
+    shape, p, along_c = law_stress(law, weight * shear, squared(a, b, c), volume)
     penalty, push, _ = volume_penalty(volume, least)
-    energy = 0.5 * weight * shear * (factor * invariant - 3.0) + volume_weight * local * penalty
-    p = weight * shear * factor
-    q = 0.5 * weight * shear * invariant * slope + volume_weight * (pressure + local * push)
+    energy = shape + volume_weight * local * penalty
+    q = along_c + volume_weight * (pressure + local * push)
     x, y, z = cross(b, c), cross(c, a), cross(a, b)
     return (
         energy,
@@ -195,12 +171,13 @@ def _sum(a, b, c):
 
 
 @merged_kernel
-def _tile_forces(columns, shear, bulk, corner_weight, local_part, least, count, out):
+def _tile_forces(columns, shear, bulk, rule, law, count, out):
     """Forces on the nodes of a tile of elements, the elements' energy, and their smallest J.
 
     `out` is [26, k]: force of node (a, b, c) along axis d in row ``3 (4 a + 2 b + c) + d``, then
     energy and smallest determinant.
     """
+    corner_weight, local_part, least = rule.corner_weight, rule.local_part, rule.least_volume
     centre_weight = 1.0 - 8.0 * corner_weight
     for k in range(np.uint64(0), np.uint64(count)):
         above = k + _ONE
@@ -229,15 +206,17 @@ def _tile_forces(columns, shear, bulk, corner_weight, local_part, least, count, 
         local = local_part * mu
         p = (bulk[k] - local) * (volume - 1.0)
         w, v = corner_weight, CORNER_VOLUME
-        em, xc, yc, zc = _point_force(xm, ym, zm, mu, p, centre_weight, CENTRE_VOLUME, local, least)
-        e0, xa, ya, za = _point_force(x00, y00, z00, mu, p, w, v, local, least)
-        e1, xb, yb, zb = _point_force(x01, y01, z00, mu, p, w, v, local, least)
-        e2, xd, yd, zd = _point_force(x10, y00, z01, mu, p, w, v, local, least)
-        e3, xe, ye, ze = _point_force(x11, y01, z01, mu, p, w, v, local, least)
-        e4, xf, yf, zf = _point_force(x00, y10, z10, mu, p, w, v, local, least)
-        e5, xg, yg, zg = _point_force(x01, y11, z10, mu, p, w, v, local, least)
-        e6, xh, yh, zh = _point_force(x10, y10, z11, mu, p, w, v, local, least)
-        e7, xi, yi, zi = _point_force(x11, y11, z11, mu, p, w, v, local, least)
+        em, xc, yc, zc = _point_force(
+            xm, ym, zm, law, mu, p, centre_weight, CENTRE_VOLUME, local, least
+        )
+        e0, xa, ya, za = _point_force(x00, y00, z00, law, mu, p, w, v, local, least)
+        e1, xb, yb, zb = _point_force(x01, y01, z00, law, mu, p, w, v, local, least)
+        e2, xd, yd, zd = _point_force(x10, y00, z01, law, mu, p, w, v, local, least)
+        e3, xe, ye, ze = _point_force(x11, y01, z01, law, mu, p, w, v, local, least)
+        e4, xf, yf, zf = _point_force(x00, y10, z10, law, mu, p, w, v, local, least)
+        e5, xg, yg, zg = _point_force(x01, y11, z10, law, mu, p, w, v, local, least)
+        e6, xh, yh, zh = _point_force(x10, y10, z11, law, mu, p, w, v, local, least)
+        e7, xi, yi, zi = _point_force(x11, y11, z11, law, mu, p, w, v, local, least)
         out[24, k] = 0.5 * p * (volume - 1.0) + em + (e0 + e1 + e2 + e3) + (e4 + e5 + e6 + e7)
         x00, x01, x10, x11 = _sum(xa, xf, xc), _sum(xb, xg, xc), _sum(xd, xh, xc), _sum(xe, xi, xc)
         y00, y01, y10, y11 = _sum(ya, yd, yc), _sum(yb, ye, yc), _sum(yf, yh, yc), _sum(yg, yi, yc)
@@ -278,12 +257,11 @@ def pack_moduli(shear, bulk, i, j, first, count, moduli):
 
 
 @alternating_kernel
-def energy_and_forces(
-    thread, u, shear, bulk, span, corner_weight, local_part, least, out_force, out_layers
-):
+def energy_and_forces(thread, u, shear, bulk, span, rule, law, out_force, out_layers):
     """Derivative of the elastic energy by each node's displacement, added to `out_force`.
 
-    ``out_layers[i]`` is the energy of the elements of layer i and their smallest determinant.
+    `rule` is an `ElementRule`, `law` the NamedTuple of a tissue law. ``out_layers[i]`` is the
+    energy of the elements of layer i and their smallest determinant.
     """
     for i in share(thread, 0, out_layers.shape[0]):
         columns, rows = np.empty((12, TILE + 1)), np.empty((26, TILE))
@@ -294,9 +272,7 @@ def energy_and_forces(
                 count = min(TILE, span[i, j, 1] - first)
                 pack(u, i, j, first, count, columns)
                 pack_moduli(shear, bulk, i, j, first, count, moduli)
-                _tile_forces(
-                    columns, moduli[0], moduli[1], corner_weight, local_part, least, count, rows
-                )
+                _tile_forces(columns, moduli[0], moduli[1], rule, law, count, rows)
                 for k in range(count):
                     energy += rows[24, k]
                     smallest = min(smallest, rows[25, k])

@@ -24,9 +24,9 @@ from mammosim.compression.hyperelastic._element_kernels import (
     pack,
     pack_moduli,
     squared,
-    volume_factor,
     volume_penalty,
 )
+from mammosim.compression.hyperelastic.laws._law_kernels import law_curvature
 
 X, Y, Z = np.intp(0), np.intp(3), np.intp(6)
 """First of the three rows of a vector along each edge."""
@@ -85,8 +85,8 @@ def _store(rows, first, k, a):
 
 
 @inlined_kernel
-def _block(out, first, k, a, b, c_i, c_j, f_i, f_j):
-    """``a C_i C_j^T - b (C_i F_j^T + F_i C_j^T)``, nine rows of `out`."""
+def _block(out, first, k, a, b, d, c_i, c_j, f_i, f_j):
+    """``a C_i C_j^T - b (C_i F_j^T + F_i C_j^T) + d F_i F_j^T`` (d may be None)."""
     left = (a * c_i[0] - b * f_i[0], a * c_i[1] - b * f_i[1], a * c_i[2] - b * f_i[2])
     right = (b * c_i[0], b * c_i[1], b * c_i[2])
     out[first, k] = left[0] * c_j[0] - right[0] * f_j[0]
@@ -98,6 +98,10 @@ def _block(out, first, k, a, b, c_i, c_j, f_i, f_j):
     out[first + 6, k] = left[2] * c_j[0] - right[2] * f_j[0]
     out[first + 7, k] = left[2] * c_j[1] - right[2] * f_j[1]
     out[first + 8, k] = left[2] * c_j[2] - right[2] * f_j[2]
+    if d is not None:
+        for r in range(3):
+            for c in range(3):
+                out[first + 3 * r + c, k] += d * f_i[r] * f_j[c]
 
 
 @inlined_kernel
@@ -119,39 +123,28 @@ def _add_diagonal(out, first, k, value):
 
 
 @contracting_kernel
-def _point_hessian(
-    edges, shear, pressure, weight, volume_weight, local_part, geometric, least, count, out
-):
+def _point_hessian(edges, law, shear, pressure, weight, volume_weight, rule, geometric, count, out):
     """Second derivative of a point's energy by its edges, blocks xx, xy, xz, yy, yz, zz.
 
-    The deviatoric part is ``mu (phi dF:dF + 2 phi' (C:dF)(F:dF) + I1/2 phi'' (C:dF)^2 + I1/2 phi'
-    dF:dC)``, C = cof F. With phi'^2 <= phi phi''/2, which J^(-2/3) satisfies and to which phi' is
-    bounded, all but the last term is positive definite. The last and the pressure's ``p dF:dC``,
-    which may be negative, are scaled by `geometric`.
+    All of the law's part but its last term is positive definite (`law_curvature`). That term and
+    the pressure's ``p dF:dC``, which may be negative, are scaled by `geometric`.
     """
-    half = np.float32(0.5)
+    local_part = np.float32(rule.local_part)
     for k in range(np.uint64(0), np.uint64(count)):
         x, y, z = _vector(edges, X, k), _vector(edges, Y, k), _vector(edges, Z, k)
         cx, cy, cz = cross(y, z), cross(z, x), cross(x, y)
         volume = determinant(x, y, z)
-        factor, slope, curvature = volume_factor(volume, least)
-        _, push, stiffness = volume_penalty(volume, least)
-        modulus, invariant = weight * shear[k], squared(x, y, z)
+        _, push, stiffness = volume_penalty(volume, rule.least_volume)
+        scale, along_c, a, b, d = law_curvature(law, weight * shear[k], squared(x, y, z), volume)
         local = local_part * shear[k]
-        scale = modulus * np.float32(factor)
-        a = half * modulus * invariant * np.float32(curvature)
         a += volume_weight * local * np.float32(stiffness)
-        s = geometric * (
-            volume_weight * (pressure[k] + local * np.float32(push))
-            + half * modulus * invariant * np.float32(slope)
-        )
-        b = modulus * min(np.float32(-slope), np.float32(np.sqrt(0.5 * factor * curvature)))
-        _block(out, XX, k, a, b, cx, cx, x, x)
-        _block(out, XY, k, a, b, cx, cy, x, y)
-        _block(out, XZ, k, a, b, cx, cz, x, z)
-        _block(out, YY, k, a, b, cy, cy, y, y)
-        _block(out, YZ, k, a, b, cy, cz, y, z)
-        _block(out, ZZ, k, a, b, cz, cz, z, z)
+        s = geometric * (volume_weight * (pressure[k] + local * np.float32(push)) + along_c)
+        _block(out, XX, k, a, b, d, cx, cx, x, x)
+        _block(out, XY, k, a, b, d, cx, cy, x, y)
+        _block(out, XZ, k, a, b, d, cx, cz, x, z)
+        _block(out, YY, k, a, b, d, cy, cy, y, y)
+        _block(out, YZ, k, a, b, d, cy, cz, y, z)
+        _block(out, ZZ, k, a, b, d, cz, cz, z, z)
         _add_diagonal(out, XX, k, scale)
         _add_diagonal(out, YY, k, scale)
         _add_diagonal(out, ZZ, k, scale)
@@ -266,21 +259,19 @@ def _point_edges(columns, point, count, signs, edges, corner):
 
 
 @merged_kernel
-def _tile_tangent(
-    columns, shear, bulk, corner_weight, local_part, least, geometric, i, j, first, count, stencil
-):
+def _tile_tangent(columns, shear, bulk, rule, law, geometric, i, j, first, count, stencil):
     """Assemble one tile of elements."""
     edges, corner = np.empty((9, TILE), np.float32), np.empty((9, TILE), np.float32)
     hessian, gradient = np.empty((54, TILE), np.float32), np.zeros((24, TILE), np.float32)
     volume, pressure = np.zeros(TILE, np.float32), np.empty(TILE, np.float32)
-    signs = np.empty((8, 3))
+    signs, corner_weight = np.empty((8, 3)), rule.corner_weight
     for point in range(9):
         part = CENTRE_VOLUME if point == 8 else CORNER_VOLUME
         _point_edges(columns, point, count, signs, edges, corner)
         _add_volume(edges, np.float32(part), count, signs, volume, gradient)
     mean_bulk = np.empty(TILE, np.float32)
     for k in range(count):
-        mean_bulk[k] = bulk[k] - np.float32(local_part) * shear[k]
+        mean_bulk[k] = bulk[k] - np.float32(rule.local_part) * shear[k]
         pressure[k] = mean_bulk[k] * (volume[k] - np.float32(1.0))
     _add_volume_pairs(gradient, mean_bulk, count, i, j, first, stencil)
     for point in range(9):
@@ -288,17 +279,18 @@ def _tile_tangent(
         weight = 1.0 - 8.0 * corner_weight if point == 8 else corner_weight
         _point_edges(columns, point, count, signs, edges, corner)
         _point_hessian(
-            edges, shear, pressure, np.float32(weight), np.float32(part),
-            np.float32(local_part), np.float32(geometric), least, count, hessian,
+            edges, law, shear, pressure, np.float32(weight), np.float32(part), rule,
+            np.float32(geometric), count, hessian,
         )  # fmt: skip
         _add_pairs(hessian, signs, count, i, j, first, stencil)
 
 
 @alternating_kernel
-def tangent_stencil(thread, u, shear, bulk, span, corner_weight, local_part, least, geometric, out):
+def tangent_stencil(thread, u, shear, bulk, span, rule, law, geometric, out):
     """Tangent stiffness of all elements, added to the stencil `out`.
 
-    `geometric`, 0 to 1, scales the terms that may make it indefinite.
+    `rule` and `law` are as in `energy_and_forces`. `geometric`, 0 to 1, scales the terms that may
+    make it indefinite.
     """
     for i in share(thread, 0, u.shape[1] - 1):
         columns = np.empty((12, TILE + 1), np.float32)
@@ -309,6 +301,5 @@ def tangent_stencil(thread, u, shear, bulk, span, corner_weight, local_part, lea
                 pack(u, i, j, first, count, columns)
                 pack_moduli(shear, bulk, i, j, first, count, moduli)
                 _tile_tangent(
-                    columns, moduli[0], moduli[1], corner_weight, local_part, least,
-                    geometric, i, j, first, count, out,
+                    columns, moduli[0], moduli[1], rule, law, geometric, i, j, first, count, out,
                 )  # fmt: skip

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from mammosim.compression.hyperelastic._element_kernels import energy_and_forces
+from mammosim.compression.hyperelastic._element_kernels import ElementRule, energy_and_forces
 from mammosim.compression.hyperelastic._tangent_kernels import tangent_stencil
+from mammosim.compression.hyperelastic.laws import LAWS
 from mammosim.compression.multigrid import coarse_shape, row_spans
 
 CORNER_WEIGHT = 1.0 / 24.0
@@ -46,6 +48,8 @@ class Body:
         Displacements that are held at zero.
     corner_weight, local_part, least_volume : float
         See the constants of these names.
+    law : str
+        Of the tissues, a name in `LAWS`.
     """
 
     fraction: NDArray[np.float32]
@@ -55,6 +59,7 @@ class Body:
     corner_weight: float = CORNER_WEIGHT
     local_part: float = LOCAL_PART
     least_volume: float = LEAST_VOLUME
+    law: str = "neo_hookean"
 
     @cached_property
     def active(self) -> NDArray[np.bool_]:
@@ -103,15 +108,20 @@ class Body:
         held = np.zeros((3, *fraction.shape), bool)
         some = self.held[:, 1::2, 1::2, 1::2]
         held[:, 1 : 1 + some.shape[1], 1 : 1 + some.shape[2], 1 : 1 + some.shape[3]] = some
-        return Body.of(fraction, shear, bulk, held)
+        return replace(Body.of(fraction, shear, bulk, held), law=self.law)
+
+    @property
+    def _formulas(self) -> tuple[ElementRule, Any]:
+        """Rule and law as kernels take them."""
+        rule = ElementRule(self.corner_weight, self.local_part, self.least_volume)
+        return rule, LAWS[self.law](self.least_volume)
 
     def energy_and_forces(self, u: NDArray[np.float64]) -> tuple[float, float, NDArray[np.float64]]:
         """Elastic energy, smallest J of any point, and the energy's derivative by each node."""
         force, layers = np.zeros_like(u), np.zeros((u.shape[1] - 1, 2))
         energy_and_forces(
-            u, self.shear, self.bulk, self.element_span, self.corner_weight, self.local_part,
-            self.least_volume, force, layers,
-        )  # fmt: skip
+            u, self.shear, self.bulk, self.element_span, *self._formulas, force, layers
+        )
         return float(layers[:, 0].sum()), float(layers[:, 1].min()), force
 
     def add_tangent(
@@ -119,9 +129,8 @@ class Body:
     ) -> None:
         """Add the second derivative of the energy to a block stencil."""
         tangent_stencil(
-            u, self.shear, self.bulk, self.element_span, self.corner_weight, self.local_part,
-            self.least_volume, geometric, stencil,
-        )  # fmt: skip
+            u, self.shear, self.bulk, self.element_span, *self._formulas, geometric, stencil
+        )
 
 
 def nodes_of(elements: NDArray[np.bool_]) -> NDArray[np.bool_]:
