@@ -64,7 +64,9 @@ def _is_short_of_faulty_ones(item: Any, items: list[Any]) -> bool:
 
 
 def _as_plain(value: Any) -> Any:
-    """NumPy numbers and arrays, paths and dates as JSON has them."""
+    """Settings, NumPy numbers and arrays, paths and dates as JSON has them."""
+    if isinstance(value, Settings):
+        return value.model_dump(mode="json", exclude_unset=True)
     return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
