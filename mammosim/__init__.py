@@ -19,42 +19,70 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mammosim.acquisition import Mammogram, Tomosynthesis, expose, expose_arc
-    from mammosim.compression import CompressedBreast, compress
+    from mammosim.acquisition import (
+        AcquisitionSettings,
+        Mammogram,
+        Tomosynthesis,
+        expose,
+        expose_arc,
+    )
+    from mammosim.compression import CompressedBreast, CompressionSettings, compress
     from mammosim.errors import InputError, Interrupted, MammosimError, NotConverged
     from mammosim.export import load_path_lengths
-    from mammosim.phantom import BreastPhantom, generate_phantom, read_phantom
+    from mammosim.phantom import (
+        BreastPhantom,
+        GenerateSettings,
+        generate_phantom,
+        read_phantom,
+    )
     from mammosim.pipeline import RunConfig, Study, load_config, simulate
-    from mammosim.projection import PathLengths, project, project_arc
+    from mammosim.projection import (
+        PathLengths,
+        ProjectionSettings,
+        TomosynthesisSettings,
+        project,
+        project_arc,
+    )
     from mammosim.targets import Target, find_targets
 
 __version__ = version("mammosim")
 
 _HOMES = {
-    "acquisition": ("Mammogram", "Tomosynthesis", "expose", "expose_arc"),
-    "compression": ("CompressedBreast", "compress"),
+    "acquisition": ("AcquisitionSettings", "Mammogram", "Tomosynthesis", "expose", "expose_arc"),
+    "compression": ("CompressedBreast", "CompressionSettings", "compress"),
     "errors": ("InputError", "Interrupted", "MammosimError", "NotConverged"),
     "export": ("load_path_lengths",),
-    "phantom": ("BreastPhantom", "generate_phantom", "read_phantom"),
+    "phantom": ("BreastPhantom", "GenerateSettings", "generate_phantom", "read_phantom"),
     "pipeline": ("RunConfig", "Study", "load_config", "simulate"),
-    "projection": ("PathLengths", "project", "project_arc"),
+    "projection": (
+        "PathLengths",
+        "ProjectionSettings",
+        "TomosynthesisSettings",
+        "project",
+        "project_arc",
+    ),
     "targets": ("Target", "find_targets"),
 }
 _HOME_OF = {name: room for room, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "AcquisitionSettings",
     "BreastPhantom",
     "CompressedBreast",
+    "CompressionSettings",
+    "GenerateSettings",
     "InputError",
     "Interrupted",
     "Mammogram",
     "MammosimError",
     "NotConverged",
     "PathLengths",
+    "ProjectionSettings",
     "RunConfig",
     "Study",
     "Target",
     "Tomosynthesis",
+    "TomosynthesisSettings",
     "compress",
     "expose",
     "expose_arc",

@@ -19,48 +19,73 @@ from pydantic.fields import FieldInfo
 
 from mammosim.acquisition import AcquisitionSettings
 from mammosim.compression import CompressionSettings
-from mammosim.compression.settings import PlatesInVoxels
 from mammosim.config import Settings
 from mammosim.export import ExportSettings
-from mammosim.phantom import GenerateSettings, LandmarkSettings, LesionSettings, PhantomSettings
+from mammosim.phantom import GenerateSettings, PhantomSettings
 from mammosim.pipeline import RunConfig, ViewSettings
 from mammosim.projection import ProjectionSettings, TomosynthesisSettings
 from mammosim.report import ReportSettings
-from mammosim.targets import BiopsySettings, TargetsSettings, UncertaintySettings
+from mammosim.targets import TargetsSettings
 
 ROOT = Path(__file__).parents[1]
 WIDTH = 100
 
 
 class Keys(NamedTuple):
-    """One TypedDict: of which settings, and of which other TypedDicts it has the keys too."""
+    """One TypedDict: of which settings, and what is particular about it."""
 
     kind: type[Settings]
-    base: tuple[str, ...] = ()
+    base: tuple[str, ...] = ()  # TypedDicts whose keys it has too
     apart: tuple[str, ...] = ()  # keys that a function has as parameters of its own
 
 
-MODULES: dict[str, tuple[Keys, ...]] = {
-    "phantom/anatomy": (Keys(GenerateSettings, apart=("density", "voxel_mm")),),
-    "phantom": (Keys(LesionSettings), Keys(LandmarkSettings), Keys(PhantomSettings)),
-    "compression": (Keys(PlatesInVoxels), Keys(CompressionSettings)),
-    "projection": (Keys(ProjectionSettings), Keys(TomosynthesisSettings)),
-    "acquisition": (Keys(AcquisitionSettings),),
-    "targets": (Keys(BiopsySettings), Keys(UncertaintySettings), Keys(TargetsSettings)),
-    "export": (Keys(ExportSettings),),
-    "report": (Keys(ReportSettings),),
-    "pipeline/configuration": (
-        # A view's own keys of these sections may also stand beside its name.
-        Keys(ViewSettings, base=("CompressionKeys", "ProjectionKeys", "AcquisitionKeys")),
-        Keys(RunConfig),
-    ),
-}
-"""Packages that have a module `keys`, and the TypedDicts in it."""
+SECTIONS = (
+    Keys(GenerateSettings, apart=("density", "voxel_mm")),
+    Keys(PhantomSettings),
+    Keys(CompressionSettings),
+    Keys(ProjectionSettings),
+    Keys(TomosynthesisSettings),
+    Keys(AcquisitionSettings),
+    Keys(TargetsSettings),
+    Keys(ExportSettings),
+    Keys(ReportSettings),
+    # A view's own keys of these sections may also stand beside its name.
+    Keys(ViewSettings, base=("CompressionKeys", "ProjectionKeys", "AcquisitionKeys")),
+    Keys(RunConfig),
+)
+"""Settings that a function takes; those within them are found."""
+
+
+def modules() -> dict[str, list[Keys]]:
+    """Packages that have a module `keys`, and the TypedDicts in it, inner ones first."""
+    found: dict[str, list[Keys]] = {}
+    known = {keys.kind for keys in SECTIONS}
+    for keys in SECTIONS:
+        inner = [kind for kind in _within(keys.kind) if kind not in known]
+        known.update(inner)
+        for one in [*map(Keys, inner), keys]:
+            found.setdefault(one.kind.__module__.rpartition(".")[0], []).append(one)
+    return found
+
+
+def _within(kind: type[Settings]) -> Iterator[type[Settings]]:
+    """Settings in the fields of others, the innermost first."""
+    for field in kind.model_fields.values():
+        for inner in _settings_in(field.annotation):
+            yield from _within(inner)
+            yield inner
+
+
+def _settings_in(annotation: Any) -> Iterator[type[Settings]]:
+    if isinstance(annotation, type) and issubclass(annotation, Settings):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _settings_in(argument)
 
 
 def main() -> None:
     """Write all modules, in the project's format."""
-    for package in MODULES:
+    for package in modules():
         path = path_of(package)
         path.write_text(source(package), encoding="utf-8")
         subprocess.run(["ruff", "check", "--fix", "--quiet", str(path)], check=True)
@@ -69,7 +94,7 @@ def main() -> None:
 
 def path_of(package: str) -> Path:
     """The module of a package."""
-    return ROOT / "mammosim" / package / "keys.py"
+    return ROOT.joinpath(*package.split("."), "keys.py")
 
 
 def keys_name(kind: type[Settings]) -> str:
@@ -85,7 +110,7 @@ def keys_name(kind: type[Settings]) -> str:
 
 def source(package: str) -> str:
     """Python source of a package's module `keys`."""
-    classes = [line for keys in MODULES[package] for line in _class(keys)]
+    classes = [line for keys in modules()[package] for line in _class(keys)]
     text = "\n".join(classes)
     imports = list(_imports(package, text))
     return "\n".join(
@@ -104,14 +129,14 @@ def _imports(package: str, text: str) -> Iterator[str]:
     typing = [name for name in ("Any", "Literal") if f"{name}[" in text or f" {name}]" in text]
     yield f"from typing import {', '.join([*typing, 'TypedDict'])}"
     yield ""
-    for other, entries in MODULES.items():
+    for other, entries in modules().items():
         for keys in entries:
             name, kind = keys_name(keys.kind), keys.kind
-            face = f"mammosim.{other.replace('/', '.')}"
             if other != package and _names(name, text):
-                yield f"from {face} import {name}"
+                yield f"from {other} import {name}"
             if _names(kind.__name__, text):
-                yield f"from {kind.__module__ if other == package else face} import {kind.__name__}"
+                home = kind.__module__ if other == package else other
+                yield f"from {home} import {kind.__name__}"
 
 
 def _names(name: str, text: str) -> bool:

@@ -3,6 +3,7 @@
 from mammosim.acquisition.beforehand import check_acquisition
 from mammosim.acquisition.detectors import DETECTORS, Detector
 from mammosim.acquisition.expose import expose
+from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Mammogram
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.tomosynthesis import Tomosynthesis, expose_arc
@@ -10,6 +11,7 @@ from mammosim.acquisition.visibility import Visibility, lesion_visibility
 
 __all__ = [
     "DETECTORS",
+    "AcquisitionKeys",
     "AcquisitionSettings",
     "Detector",
     "Mammogram",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,14 @@ from mammosim._jit import one_blas_thread
 from mammosim.acquisition._kernels import log_attenuation_kernel
 from mammosim.acquisition.coarse import CoarsePaths
 from mammosim.acquisition.dose import DoseFactors, dose_factors
+from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Mammogram
 from mammosim.acquisition.presentation import present
 from mammosim.acquisition.recording import Arrival, Exposure, arrive, record
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import rays_of
 from mammosim.compression import CompressedBreast
-from mammosim.config import to_settings
+from mammosim.config import documents_keys, given_settings
 from mammosim.projection import PathLengths
 
 WHITE = 16383  # 14 bits
@@ -26,8 +27,14 @@ CLEAR_OF_WHITE = 1.05  # room for noise above the brightest pixel of air
 
 
 @one_blas_thread
+@documents_keys(AcquisitionSettings, AcquisitionKeys)
 def expose(
-    paths: PathLengths, *, seed: int = 1, breast: CompressedBreast | None = None, **keys: Any
+    paths: PathLengths,
+    settings: AcquisitionSettings | None = None,
+    *,
+    seed: int = 1,
+    breast: CompressedBreast | None = None,
+    **keys: Unpack[AcquisitionKeys],
 ) -> Mammogram:
     """Expose a compressed breast and record its mammogram.
 
@@ -35,13 +42,15 @@ def expose(
     ----------
     paths : PathLengths
         Path lengths through each tissue.
+    settings : AcquisitionSettings, optional
+        Spectrum, detector and exposure; or give its keys as keywords.
     seed : int
         Seed of the noise; the same seed gives the same picture, whatever the number of threads.
     breast : CompressedBreast, optional
         The voxels, for scatter models that trace photons through them; default `paths.breast`,
         which `project` sets and loaded path lengths do not have.
     **keys
-        Any key of `AcquisitionSettings`.
+        Keys of `AcquisitionSettings`: ``target``, ``kvp``, ``mas``, ...
 
     Returns
     -------
@@ -60,7 +69,7 @@ def expose(
     energy-integrating detector; dose by Dance's factors. Not modelled: off-focus radiation, grid
     lines, glare, lag, dead pixels.
     """
-    settings = to_settings(AcquisitionSettings, keys, "expose()", ("acquisition",))
+    settings = given_settings(AcquisitionSettings, settings, keys, "expose()", ("acquisition",))
     arrival = arrive(paths, settings, breast)
     rng = np.random.Generator(np.random.Philox(seed))
     signal, exposure = record(arrival, arrival.controlled_mas(), rng)

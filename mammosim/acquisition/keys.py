@@ -4,6 +4,15 @@ from __future__ import annotations
 
 from typing import Literal, TypedDict
 
+from mammosim.acquisition.settings import ScatterSettings
+
+
+class ScatterKeys(TypedDict, total=False):
+    """Keys of `ScatterSettings`."""
+
+    model: Literal["kernels", "none"]
+    """Scatter model: kernels (by local thickness) or none. Default: kernels."""
+
 
 class AcquisitionKeys(TypedDict, total=False):
     """Keys of `AcquisitionSettings`."""
@@ -50,8 +59,9 @@ class AcquisitionKeys(TypedDict, total=False):
     """What calcifications are made of: hydroxyapatite, oxalate or carbonate. Default:
     hydroxyapatite."""
 
-    scatter: bool
-    """Whether scattered radiation is added. Default: True."""
+    scatter: bool | ScatterSettings | ScatterKeys
+    """Scattered radiation: true for the default model, false for none, or a section with the
+    model's name. Default: True."""
 
     grid: bool
     """Whether an anti-scatter grid is in front of the detector. Default: True."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,11 @@ from mammosim.acquisition.expose import (
     mammogram_of,
     to_counts,
 )
+from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Mammogram
 from mammosim.acquisition.recording import arrive, record
 from mammosim.acquisition.settings import AcquisitionSettings
-from mammosim.config import to_settings
+from mammosim.config import documents_keys, given_settings
 from mammosim.geometry import Gantry
 from mammosim.projection import Arc, PathLengths
 
@@ -56,12 +57,14 @@ class Tomosynthesis:
         return self.middle.notes
 
 
+@documents_keys(AcquisitionSettings, AcquisitionKeys)
 def expose_arc(
     arc: Arc,
+    settings: AcquisitionSettings | None = None,
     *,
     seed: int = 1,
     watch: Callable[[int, PathLengths], None] | None = None,
-    **keys: Any,
+    **keys: Unpack[AcquisitionKeys],
 ) -> Tomosynthesis:
     """Expose a compressed breast once from each tube position of an arc.
 
@@ -69,13 +72,15 @@ def expose_arc(
     ----------
     arc : Arc
         From `project_arc`; each projection is traced when its turn comes.
+    settings : AcquisitionSettings, optional
+        Spectrum, detector and exposure; or give its keys as keywords.
     seed : int
         Seed of the noise, which is another one in each projection.
     watch : callable, optional
         Given each projection's index and path lengths when they have been traced: the middle one
         first, then in their order.
     **keys
-        Any key of `AcquisitionSettings`. `mas` is the load of all projections together; without
+        Keys of `AcquisitionSettings`. `mas` is the load of all projections together; without
         it, exposure control finds the load that a mammogram with grid would need, so that the
         dose is a mammogram's. There is no grid unless asked for: its lines would cut off oblique
         rays.
@@ -97,9 +102,9 @@ def expose_arc(
     oblique path as thickness. Not modelled: movement of the tube during an exposure, lag,
     oblique entry into the converter, grid cut-off.
     """
-    settings = to_settings(
-        AcquisitionSettings, {"grid": False, **keys}, "expose_arc()", ("acquisition",)
-    )
+    settings = given_settings(AcquisitionSettings, settings, keys, "expose_arc()", ("acquisition",))
+    if "grid" not in settings.model_fields_set:
+        settings = settings.model_copy(update={"grid": False})
     watch = watch or (lambda index, paths: None)
     count, middle = len(arc), arc.middle
     paths = arc.paths(middle)

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition.attenuation import attenuation_per_mm
 from mammosim.acquisition.detectors import Detector, find_detector
+from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Mammogram
 from mammosim.acquisition.noise import noise_through_blur
 from mammosim.acquisition.recording import beam_for
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import Response, response
-from mammosim.config import to_settings
+from mammosim.config import documents_keys, given_settings
 from mammosim.geometry import Gantry
 from mammosim.phantom import BreastPhantom, Lesion
 from mammosim.projection import PathLengths, channels_of, host_channel
@@ -43,8 +44,13 @@ class Visibility:
     sdnr: float
 
 
+@documents_keys(AcquisitionSettings, AcquisitionKeys)
 def lesion_visibility(
-    phantom: BreastPhantom, paths: PathLengths, mammogram: Mammogram, **keys: Any
+    phantom: BreastPhantom,
+    paths: PathLengths,
+    mammogram: Mammogram,
+    settings: AcquisitionSettings | None = None,
+    **keys: Unpack[AcquisitionKeys],
 ) -> dict[int, Visibility]:
     """Contrast and signal difference to noise of each lesion that throws a shadow.
 
@@ -53,7 +59,9 @@ def lesion_visibility(
     phantom : BreastPhantom
     paths : PathLengths
     mammogram : Mammogram
-        Exposed from `paths` with the same keys.
+        Exposed from `paths` with the same settings.
+    settings : AcquisitionSettings, optional
+        Spectrum, detector and exposure; or give its keys as keywords.
     **keys
         Keys of `AcquisitionSettings`.
 
@@ -75,7 +83,9 @@ def lesion_visibility(
     Structure of the tissue around is not noise here. D itself is not blurred: for calcifications
     not much larger than a pixel the contrast is that of a detector without blur.
     """
-    settings = to_settings(AcquisitionSettings, keys, "lesion_visibility()", ("acquisition",))
+    settings = given_settings(
+        AcquisitionSettings, settings, keys, "lesion_visibility()", ("acquisition",)
+    )
     detector = find_detector(settings.detector)
     unit = response(
         beam_for(settings, paths), detector, paths.gantry, settings.support_mm, heel=settings.heel

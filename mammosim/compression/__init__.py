@@ -4,6 +4,7 @@ from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.compress import MODELS, compress
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.inverse import InverseMap
+from mammosim.compression.keys import CompressionKeys
 from mammosim.compression.lattice import breast_volume_ml
 from mammosim.compression.plates import held_tissue, plate_edge_mm, population_thickness_mm
 from mammosim.compression.samples import Sample, Sampler
@@ -12,6 +13,7 @@ from mammosim.compression.settings import CompressionSettings
 __all__ = [
     "MODELS",
     "CompressedBreast",
+    "CompressionKeys",
     "CompressionSettings",
     "DisplacementField",
     "InverseMap",

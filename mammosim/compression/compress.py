@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Literal, Unpack
 
 import numpy as np
 
 from mammosim._jit import one_blas_thread
 from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.hyperelastic_model import compress_hyperelastic
+from mammosim.compression.keys import CompressionKeys
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.spring_model import compress_springs
 from mammosim.compression.uncompressed import leave_uncompressed
-from mammosim.config import to_settings
+from mammosim.config import documents_keys, given_settings
 from mammosim.errors import Interrupted, NotConverged
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, as_held
@@ -27,13 +28,15 @@ MODELS: dict[str, Callable[..., CompressedBreast]] = {
 
 
 @one_blas_thread
+@documents_keys(CompressionSettings, CompressionKeys)
 def compress(
     breast: BreastPhantom,
-    view: str | View = "CC",
+    view: Literal["CC", "MLO", "ML"] | View = "CC",
+    settings: CompressionSettings | None = None,
     *,
     seed: int = 1,
     watch: Callable[[np.void], None] | None = None,
-    **settings: Any,
+    **keys: Unpack[CompressionKeys],
 ) -> CompressedBreast:
     """Compress a breast between paddle and support.
 
@@ -41,12 +44,15 @@ def compress(
     ----------
     breast : BreastPhantom
     view : {"CC", "MLO", "ML"} or View
+        A name stands for that view of the breast's side, at the angle that the settings give.
+    settings : CompressionSettings, optional
+        How the breast is compressed; or give its keys as keywords.
     seed : int
-        Of what is random (the visiting order of `relaxation`).
+        Seed of what is random (the visiting order of `relaxation`).
     watch : callable, optional
         Called with each row of the history, for progress.
-    **settings
-        Keys of `CompressionSettings`: model, solver, thickness_mm, resolution_mm, ...
+    **keys
+        Keys of `CompressionSettings`: ``model``, ``thickness_mm``, ``resolution_mm``, ...
 
     Returns
     -------
@@ -62,15 +68,15 @@ def compress(
     Interrupted
         If the user stopped it; it carries what was reached.
     """
-    checked = to_settings(CompressionSettings, settings, "compress()", ("compression",))
+    settings = given_settings(CompressionSettings, settings, keys, "compress()", ("compression",))
     if isinstance(view, str):
-        view = View(view, breast.laterality, checked.mlo_angle_deg)
+        view = View(view, breast.laterality, settings.mlo_angle_deg)
     held = as_held(breast, view.rotation[1])
-    squeezed = MODELS[checked.model](held, view, checked, seed, watch)
+    squeezed = MODELS[settings.model](held, view, settings, seed, watch)
     if squeezed.interrupted:
         raise Interrupted(f"{view.folder}: compression was interrupted", squeezed)
     if not squeezed.converged:
-        raise NotConverged(f"{view.folder}: {_where_it_stopped(squeezed, checked)}", squeezed)
+        raise NotConverged(f"{view.folder}: {_where_it_stopped(squeezed, settings)}", squeezed)
     return squeezed
 
 

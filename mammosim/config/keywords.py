@@ -2,7 +2,7 @@
 
 A function with settings of a kind takes an object of it, or its keys as keywords::
 
-    @documents_keys(ProjectionSettings)
+    @documents_keys(ProjectionSettings, ProjectionKeys)
     def project(squeezed, settings: ProjectionSettings | None = None,
                 **keys: Unpack[ProjectionKeys]) -> PathLengths:
         settings = given_settings(ProjectionSettings, settings, keys, "project")
@@ -67,7 +67,7 @@ def given_settings(
     return settings
 
 
-def documents_keys(kind: type[Settings]) -> Callable[[Function], Function]:
+def documents_keys(kind: type[Settings], keys: type) -> Callable[[Function], Function]:
     """Show the keys of settings in a function's signature and docstring at run time.
 
     `help`, notebooks and IPython then list and complete each key with its type, default and text;
@@ -77,6 +77,8 @@ def documents_keys(kind: type[Settings]) -> Callable[[Function], Function]:
     ----------
     kind : type of Settings
         Whose keys the function takes as ``**keys``.
+    keys : type
+        The TypedDict of these keys.
     """
 
     def decorate(function: Function) -> Function:
@@ -84,27 +86,29 @@ def documents_keys(kind: type[Settings]) -> Callable[[Function], Function]:
         own = [one for one in signature.parameters.values() if one.kind is not one.VAR_KEYWORD]
         names = {one.name for one in own}
         fields = {name: field for name, field in kind.model_fields.items() if name not in names}
-        shown = [_parameter(name, field) for name, field in fields.items()]
-        function.__signature__ = signature.replace(parameters=[*own, *shown])  # type: ignore[attr-defined]
-        function.__doc__ = "\n".join([inspect.cleandoc(function.__doc__ or ""), *_lines(fields)])
+        shown = [_parameter(name, field, keys) for name, field in fields.items()]
+        whole = signature.replace(parameters=[*own, *shown])
+        function.__signature__ = whole  # type: ignore[attr-defined]
+        lines = [inspect.cleandoc(function.__doc__ or ""), "", "Other Parameters", "-" * 16]
+        for name, field in fields.items():
+            lines.append(f"{name} : {_type(name, keys)}")
+            lines += [f"    {line}" for line in (field.description or "").splitlines()]
+        function.__doc__ = "\n".join(lines)
         return function
 
     return decorate
 
 
-def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
-    default = field.get_default(call_default_factory=True)
+def _parameter(name: str, field: FieldInfo, keys: type) -> inspect.Parameter:
+    default = inspect.Parameter.empty
+    if not field.is_required():
+        default = field.get_default(call_default_factory=True)
     return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, annotation=field.annotation,
-        default=inspect.Parameter.empty if field.is_required() else default,
-    )  # fmt: skip
+        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=_type(name, keys)
+    )
 
 
-def _lines(fields: Mapping[str, FieldInfo]) -> list[str]:
-    """A numpydoc section with the text of each key."""
-    lines = ["", "Other Parameters", "----------------"]
-    for name, field in fields.items():
-        text = (field.description or "").splitlines()
-        lines += [f"{name} : {inspect.formatannotation(field.annotation)}"]
-        lines += [f"    {line}" for line in text]
-    return lines
+def _type(name: str, keys: type) -> str:
+    """Type of a key as it is written in the TypedDict."""
+    text: str = keys.__annotations__[name].__forward_arg__
+    return text

@@ -5,6 +5,7 @@ from mammosim.export.convert import Conversion, convert_volume
 from mammosim.export.dicom import write_dicom
 from mammosim.export.geometry import read_geometry, write_geometry
 from mammosim.export.identity import StudyIdentity
+from mammosim.export.keys import ExportKeys
 from mammosim.export.learning import write_learning_pair
 from mammosim.export.lesion_masks import LesionMask, label_image, lesion_masks
 from mammosim.export.matlab import write_matlab
@@ -44,6 +45,7 @@ __all__ = [
     "PART_PREFIX",
     "WRITERS",
     "Conversion",
+    "ExportKeys",
     "ExportSettings",
     "LesionMask",
     "StudyIdentity",

@@ -2,6 +2,7 @@
 
 from mammosim.phantom.anatomy import GenerateSettings, generate_phantom
 from mammosim.phantom.breast import BreastPhantom, Landmark, Lesion, OpenEnd
+from mammosim.phantom.keys import PhantomKeys
 from mammosim.phantom.lesions import insert_lesions
 from mammosim.phantom.make import make_phantom
 from mammosim.phantom.memory import available_bytes
@@ -25,6 +26,7 @@ __all__ = [
     "Lesion",
     "LesionSettings",
     "OpenEnd",
+    "PhantomKeys",
     "PhantomSettings",
     "PhantomSummary",
     "Volume",

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal, TypedDict
 
-from mammosim.phantom.anatomy.keys import GenerateKeys
-from mammosim.phantom.anatomy.settings import GenerateSettings
+from mammosim.phantom.anatomy import GenerateKeys, GenerateSettings
 from mammosim.phantom.settings import LandmarkSettings, LesionSettings
 
 

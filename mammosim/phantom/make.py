@@ -6,6 +6,7 @@ import dataclasses
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -23,7 +24,7 @@ _LESION_STREAM = 0x1E510
 
 def make_phantom(
     settings: PhantomSettings,
-    laterality: str | None = None,
+    laterality: Literal["L", "R"] | None = None,
     seed: int = 1,
     folder: str | os.PathLike[str] = ".",
 ) -> BreastPhantom:
@@ -45,8 +46,7 @@ def make_phantom(
         If the file cannot be used, or a lesion or landmark does not fit.
     """
     if settings.generate is not None:
-        given = settings.generate.model_dump(exclude_unset=True)
-        breast = generate_phantom(seed=seed, laterality=laterality or "L", **given)
+        breast = generate_phantom(settings.generate, seed=seed, laterality=laterality or "L")
     else:
         labels = settings.labels
         if labels is not None and labels not in LABEL_MAPS:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +25,7 @@ from mammosim.tissues import DEFAULT_LABELS, LABEL_MAPS, TISSUES, load_label_map
 def read_phantom(
     path: str | os.PathLike[str],
     labels: str | None = None,
-    laterality: str | None = None,
+    laterality: Literal["L", "R"] | None = None,
     axes: str | None = None,
     voxel_mm: ArrayLike | None = None,
     reduce: int = 1,

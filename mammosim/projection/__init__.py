@@ -3,6 +3,7 @@
 from mammosim.projection.arc import Arc, project_arc
 from mammosim.projection.channels import channels_of, host_channel, planes_with_labels
 from mammosim.projection.feasible import check_field, check_memory
+from mammosim.projection.keys import ProjectionKeys, TomosynthesisKeys
 from mammosim.projection.paths import PathLengths
 from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
 from mammosim.projection.trace import project
@@ -11,7 +12,9 @@ from mammosim.projection.warp import compressed_labels
 __all__ = [
     "Arc",
     "PathLengths",
+    "ProjectionKeys",
     "ProjectionSettings",
+    "TomosynthesisKeys",
     "TomosynthesisSettings",
     "channels_of",
     "check_field",

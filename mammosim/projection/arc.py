@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Unpack
 
 from mammosim.compression import CompressedBreast
-from mammosim.config import to_settings
+from mammosim.config import documents_keys, given_settings, to_settings
 from mammosim.geometry import Gantry
 from mammosim.projection.channels import Channels, channels_of
 from mammosim.projection.detector_field import place_detector
 from mammosim.projection.feasible import check_memory
+from mammosim.projection.keys import ProjectionKeys, TomosynthesisKeys
 from mammosim.projection.paths import PathLengths
 from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
 from mammosim.projection.trace import trace_onto
@@ -58,18 +59,24 @@ class Arc:
         )
 
 
+@documents_keys(ProjectionSettings, ProjectionKeys)
 def project_arc(
-    squeezed: CompressedBreast, tomosynthesis: dict[str, Any] | None = None, **keys: Any
+    squeezed: CompressedBreast,
+    tomosynthesis: TomosynthesisSettings | TomosynthesisKeys | None = None,
+    settings: ProjectionSettings | None = None,
+    **keys: Unpack[ProjectionKeys],
 ) -> Arc:
     """Prepare the projections of a compressed breast from an arc of tube positions.
 
     Parameters
     ----------
     squeezed : CompressedBreast
-    tomosynthesis : dict, optional
-        Keys of `TomosynthesisSettings`; the view is that of `squeezed`.
+    tomosynthesis : TomosynthesisSettings or dict of its keys, optional
+        How the tube moves; without a view, it is that of `squeezed`.
+    settings : ProjectionSettings, optional
+        Detector and focal spot; or give its keys as keywords.
     **keys
-        Any key of `ProjectionSettings`.
+        Keys of `ProjectionSettings`.
 
     Returns
     -------
@@ -85,10 +92,12 @@ def project_arc(
     The focal spot is at ``y = y0 + (SID - h) sin(angle)`` and ``SID - (1 - cos(angle)) (SID - h)``
     above the detector, h being the pivot's height. Breast and detector do not move.
     """
-    settings = to_settings(ProjectionSettings, keys, "project_arc")
-    sweep = to_settings(
-        TomosynthesisSettings, {"view": squeezed.view.name, **(tomosynthesis or {})}, "project_arc"
-    )
+    settings = given_settings(ProjectionSettings, settings, keys, "project_arc")
+    if isinstance(tomosynthesis, TomosynthesisSettings):
+        sweep = tomosynthesis
+    else:
+        given = {"view": squeezed.view.name, **(tomosynthesis or {})}
+        sweep = to_settings(TomosynthesisSettings, given, "project_arc")
     mapped, channels = voxel_map(squeezed), channels_of(squeezed.phantom)
     upright = place_detector(squeezed, mapped, settings, sweep)
     shape = upright.rows, upright.columns

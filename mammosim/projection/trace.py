@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.compression import CompressedBreast
-from mammosim.config import to_settings
+from mammosim.config import documents_keys, given_settings
 from mammosim.geometry import Gantry
 from mammosim.projection._label_kernels import LABELS_A_WORD
 from mammosim.projection._ray_kernels import Beam, Voxels, trace
 from mammosim.projection.channels import Channels, channels_of, host_channel
 from mammosim.projection.detector_field import place_detector
 from mammosim.projection.feasible import check_memory
+from mammosim.projection.keys import ProjectionKeys
 from mammosim.projection.paths import PathLengths
 from mammosim.projection.settings import ProjectionSettings
 from mammosim.projection.smoothing import smooth_voxels
@@ -27,14 +28,21 @@ _BAND_ROWS = 32
 _DEAL = 16
 
 
-def project(squeezed: CompressedBreast, **keys: Any) -> PathLengths:
+@documents_keys(ProjectionSettings, ProjectionKeys)
+def project(
+    squeezed: CompressedBreast,
+    settings: ProjectionSettings | None = None,
+    **keys: Unpack[ProjectionKeys],
+) -> PathLengths:
     """Project a compressed breast onto the detector.
 
     Parameters
     ----------
     squeezed : CompressedBreast
+    settings : ProjectionSettings, optional
+        Detector and focal spot; or give its keys as keywords.
     **keys
-        Any key of `ProjectionSettings`: ``pixel_mm``, ``source_to_detector_mm``,
+        Keys of `ProjectionSettings`: ``pixel_mm``, ``source_to_detector_mm``,
         ``detector_edge_mm``, ``conserve_mass``, ...
 
     Returns
@@ -60,7 +68,7 @@ def project(squeezed: CompressedBreast, **keys: Any) -> PathLengths:
     Not modelled: size of the focal spot, bending of the ray's image within a cell of the inverse
     map (an error of second order in its spacing), scatter (see the acquisition room).
     """
-    settings = to_settings(ProjectionSettings, keys, "project")
+    settings = given_settings(ProjectionSettings, settings, keys, "project")
     mapped = voxel_map(squeezed)
     gantry = place_detector(squeezed, mapped, settings)
     channels = channels_of(squeezed.phantom)

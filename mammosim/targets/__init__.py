@@ -5,6 +5,7 @@ from mammosim.targets.answers import ShiftAnswers
 from mammosim.targets.biopsy import BiopsyResult, aim_needles
 from mammosim.targets.doubts import target_doubts
 from mammosim.targets.find import find_targets
+from mammosim.targets.keys import TargetsKeys
 from mammosim.targets.lesion_voxels import touching_lesions
 from mammosim.targets.locate import (
     Located,
@@ -37,6 +38,7 @@ __all__ = [
     "ShiftUncertainty",
     "Sight",
     "Target",
+    "TargetsKeys",
     "TargetsSettings",
     "UncertaintySettings",
     "aim_needles",

@@ -1,11 +1,13 @@
 """The generator: a breast from a seed."""
 
 from mammosim.phantom.anatomy.generate import expected_volume_ml, generate_phantom
+from mammosim.phantom.anatomy.keys import GenerateKeys
 from mammosim.phantom.anatomy.settings import DENSITY_ALIASES, DENSITY_PERCENT, GenerateSettings
 
 __all__ = [
     "DENSITY_ALIASES",
     "DENSITY_PERCENT",
+    "GenerateKeys",
     "GenerateSettings",
     "expected_volume_ml",
     "generate_phantom",

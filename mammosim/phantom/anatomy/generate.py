@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.config import to_settings
+from mammosim.config import documents_keys, given_settings
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy import _kernels
 from mammosim.phantom.anatomy._tube_kernels import paint_tubes
 from mammosim.phantom.anatomy.axilla import CUT_DEG, OFF_DEG, Axilla, draw_axilla
 from mammosim.phantom.anatomy.ducts import grow_ducts
+from mammosim.phantom.anatomy.keys import OtherGenerateKeys
 from mammosim.phantom.anatomy.muscle import (
     COVER_MM,
     FIBRE_NOISE,
@@ -64,26 +65,31 @@ SAMPLE_MM = 1.5
 """Distance of the voxels on which the share of gland is set, mm."""
 
 
+Density = Literal["fatty", "scattered", "heterogeneous", "dense", "a", "b", "c", "d"]
+
+
+@documents_keys(GenerateSettings, OtherGenerateKeys)
 def generate_phantom(
-    density: str = "scattered",
-    voxel_mm: float = 0.5,
+    density: Density | GenerateSettings = "scattered",
+    voxel_mm: float | None = None,
     seed: int = 1,
-    laterality: str = "L",
-    **settings: Any,
+    laterality: Literal["L", "R"] = "L",
+    **keys: Unpack[OtherGenerateKeys],
 ) -> BreastPhantom:
     """Make a breast.
 
     Parameters
     ----------
-    density : {"fatty", "scattered", "heterogeneous", "dense", "a", "b", "c", "d"}
-        Density class.
-    voxel_mm : float
-        Voxel size, mm. The anatomy is the same at every size.
+    density : {"fatty", "scattered", "heterogeneous", "dense", "a", "b", "c", "d"} or \
+GenerateSettings
+        Density class; or all settings as one object.
+    voxel_mm : float, optional
+        Voxel size, mm, default 0.5. The anatomy is the same at every size.
     seed : int
         Seed, 0 or more: the same seed gives the same voxels whatever the number of threads.
     laterality : {"L", "R"}
         A right breast is the mirror image of the left one of its seed.
-    **settings
+    **keys
         Other keys of `GenerateSettings`.
 
     Returns
@@ -110,10 +116,14 @@ def generate_phantom(
         raise InputError(f"laterality: found '{laterality}', expected L or R")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"seed: found {seed!r}, expected a whole number of 0 or more")
-    chosen = to_settings(
-        GenerateSettings, {"density": density, "voxel_mm": voxel_mm, **settings}, "generate_phantom"
-    )
-    return _generate(chosen, int(seed), laterality)
+    given: dict[str, Any] = dict(keys)
+    if voxel_mm is not None:
+        given["voxel_mm"] = voxel_mm
+    if not isinstance(density, GenerateSettings):
+        given["density"] = density
+    settings = density if isinstance(density, GenerateSettings) else None
+    settings = given_settings(GenerateSettings, settings, given, "generate_phantom")
+    return _generate(settings, int(seed), laterality)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypedDict
 
-from mammosim.acquisition.keys import AcquisitionKeys
-from mammosim.acquisition.settings import AcquisitionSettings
-from mammosim.compression.keys import CompressionKeys
-from mammosim.compression.settings import CompressionSettings
-from mammosim.export.keys import ExportKeys
-from mammosim.export.settings import ExportSettings
-from mammosim.phantom.keys import PhantomKeys
-from mammosim.phantom.settings import PhantomSettings
+from mammosim.acquisition import AcquisitionKeys, AcquisitionSettings
+from mammosim.compression import CompressionKeys, CompressionSettings
+from mammosim.export import ExportKeys, ExportSettings
+from mammosim.phantom import PhantomKeys, PhantomSettings
 from mammosim.pipeline.configuration.view_settings import ViewSettings
-from mammosim.projection.keys import ProjectionKeys, TomosynthesisKeys
-from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
-from mammosim.report.keys import ReportKeys
-from mammosim.report.settings import ReportSettings
-from mammosim.targets.keys import TargetsKeys
-from mammosim.targets.settings import TargetsSettings
+from mammosim.projection import (
+    ProjectionKeys,
+    ProjectionSettings,
+    TomosynthesisKeys,
+    TomosynthesisSettings,
+)
+from mammosim.report import ReportKeys, ReportSettings
+from mammosim.targets import TargetsKeys, TargetsSettings
 
 
 class ViewKeys(CompressionKeys, ProjectionKeys, AcquisitionKeys, total=False):

@@ -229,8 +229,7 @@ def _take_series(
             lesions[index] = label_image(masks, (paths.gantry.rows, paths.gantry.columns))
 
     with _timed(seconds, name, "projections", tell):
-        sweep = wanted.dbt.model_dump() if wanted.dbt else {}
-        arc = project_arc(squeezed, sweep, **_given(config.section_for(wanted, "projection")))
+        arc = project_arc(squeezed, wanted.dbt, config.section_for(wanted, "projection"))
         acquisition = _given(config.section_for(wanted, "acquisition"))
         series = expose_arc(arc, seed=_seed_of(config.seed, name), watch=note, **acquisition)
     study.views[name] = ViewResult(squeezed, middle[0], series.middle, tuple(targets), series)
