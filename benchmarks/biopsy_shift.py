@@ -116,7 +116,7 @@ def summary(rows: list[dict[str, float | str]]) -> dict[str, dict[str, float]]:
 def time_samples(count: int, model: str, out: Path) -> None:
     """Time samples of one breast, compiled code being there, and print its ellipsoids."""
     config = load_config(QUICKSTART)
-    given = config.section_for(config.views[0], "compression").model_dump(exclude_unset=True)
+    given = config.resolved_views[0].compression.model_dump(exclude_unset=True)
     if model == "springs":
         given |= {"model": "springs", "resolution_mm": 1.0, "chest_wall": "fixed"}
     breast = make_phantom(config.phantom, config.laterality, config.seed)

@@ -15,8 +15,9 @@ or all at once from a configuration::
 from __future__ import annotations
 
 import importlib
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
+
+from mammosim._version import VERSION
 
 if TYPE_CHECKING:
     from mammosim.acquisition import (
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     )
     from mammosim.targets import Target, find_targets
 
-__version__ = version("mammosim")
+__version__ = VERSION
 
 _HOMES = {
     "acquisition": ("AcquisitionSettings", "Mammogram", "Tomosynthesis", "expose", "expose_arc"),

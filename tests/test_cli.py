@@ -109,7 +109,7 @@ def test_a_full_folder_needs_a_word(folder, finished):
 def test_a_view_may_have_its_own_values(folder):
     path = write(folder, "views.yaml", views=["CC", {"view": "MLO", "thickness_mm": 40}])
     config = load_config(path)
-    thickness = [config.section_for(view, "compression").thickness_mm for view in config.views]
+    thickness = [view.compression.thickness_mm for view in config.resolved_views]
     assert thickness == [36, 40]
 
 

@@ -135,11 +135,12 @@ def test_ways_to_write_a_series(view):
 def test_a_view_may_be_taken_both_ways_and_with_a_grid():
     both = config("CC", {"dbt": "CC", "thickness_mm": 40, "grid": True}, acquisition={"mas": 70})
     assert [view.label for view in both.views] == ["CC", "CC_DBT"]
-    assert both.section_for(both.views[1], "compression").thickness_mm == 40
-    assert both.section_for(both.views[1], "acquisition").grid
-    assert both.section_for(both.views[1], "acquisition").mas == 70
+    series = both.resolved_views[1]
+    assert series.compression.thickness_mm == 40
+    assert series.acquisition.grid
+    assert series.acquisition.mas == 70
     plain = config({"dbt": "CC"}, acquisition={"grid": True})
-    assert not plain.section_for(plain.views[0], "acquisition").grid
+    assert not plain.resolved_views[0].acquisition.grid
 
 
 @pytest.mark.parametrize(
@@ -227,7 +228,7 @@ def test_a_views_own_files_are_relative_to_the_configuration(folder, tmp_path, m
     path = write(folder, "own.yaml", views=views)
     monkeypatch.chdir(tmp_path)
     config = load_config(path)
-    files = [config.section_for(view, "acquisition").spectrum_file for view in config.views]
+    files = [view.acquisition.spectrum_file for view in config.resolved_views]
     assert files == [None, str(folder / "line.txt"), str(folder / "line.txt")]
     hashes = []
     for text in ("19 1e6\n20 1e6\n", "19 1e6\n20 2e6\n"):

@@ -38,9 +38,9 @@ def _options(
     global _debug
     _debug = debug
     if version:
-        from mammosim import __version__
+        from mammosim._version import VERSION
 
-        out.print(__version__)
+        out.print(VERSION)
         raise typer.Exit
 
 

@@ -43,8 +43,7 @@ def to_settings(
         raise InputError(f"{where}: {at}: found {_shown(values)}, expected a mapping of keys")
     try:
         # JSON mode is strict about types (no "5" for 5, no true for 1) yet takes lists for tuples.
-        text = json.dumps(values, default=_as_plain, allow_nan=True)
-        return kind.model_validate_json(text, strict=True)
+        return kind.model_validate_json(_as_json(values), strict=True)
     except ValidationError as error:
         items = error.errors()
         problems = [
@@ -61,6 +60,15 @@ def _is_short_of_faulty_ones(item: Any, items: list[Any]) -> bool:
     return item["type"] == "too_short" and any(
         len(other["loc"]) > depth and other["loc"][:depth] == item["loc"] for other in items
     )
+
+
+def as_plain(value: Any) -> Any:
+    """A copy of nested values as YAML holds them: settings as mappings, tuples as lists."""
+    return json.loads(_as_json(value))
+
+
+def _as_json(value: Any) -> str:
+    return json.dumps(value, default=_as_plain, allow_nan=True)
 
 
 def _as_plain(value: Any) -> Any:

@@ -15,8 +15,9 @@ from pydicom.uid import (
     DigitalMammographyXRayImageStorageForProcessing,
 )
 
+from mammosim._version import VERSION
 from mammosim.acquisition import Mammogram
-from mammosim.export.identity import StudyIdentity, software_version
+from mammosim.export.identity import StudyIdentity
 from mammosim.export.orientation import VIEW_CODES, patient_orientation, positioner_angle_deg
 from mammosim.export.settings import ExportSettings
 from mammosim.geometry import View
@@ -122,7 +123,7 @@ def identification(
         "Manufacturer": "mammosim",
         "ManufacturerModelName": "mammosim",
         "DeviceSerialNumber": "simulated",
-        "SoftwareVersions": software_version(),
+        "SoftwareVersions": VERSION,
     }
 
 

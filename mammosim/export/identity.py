@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import uuid
 from dataclasses import dataclass
-from importlib.metadata import version
 
 _NAMESPACE = uuid.UUID("6f1c35f2-9d4b-5c9e-8a63-1f0f3a7c2b11")
 """Name space of the UUIDs; any fixed one serves, and changing it changes every UID."""
@@ -60,8 +59,3 @@ class StudyIdentity:
 
 IMPLEMENTATION_UID = f"2.25.{uuid.uuid5(_NAMESPACE, 'mammosim implementation').int}"
 """Implementation Class UID in the files' meta header."""
-
-
-def software_version() -> str:
-    """Version of the installed package."""
-    return version("mammosim")

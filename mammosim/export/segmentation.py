@@ -10,11 +10,12 @@ import numpy as np
 from pydicom import Dataset
 from pydicom.sr.coding import Code
 
+from mammosim._version import VERSION
 from mammosim.acquisition import Mammogram
 from mammosim.export.atomic import whole_file
 from mammosim.export.dicom import mammogram_dataset
 from mammosim.export.dicom_modules import SERIES_NUMBER, identification, long_string, set_attributes
-from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity, software_version
+from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.orientation import patient_orientation
 from mammosim.export.settings import ExportSettings
@@ -91,7 +92,7 @@ def segmentation_dataset(
         instance_number=1,
         manufacturer="mammosim",
         manufacturer_model_name="mammosim",
-        software_versions=software_version(),
+        software_versions=VERSION,
         device_serial_number="simulated",
         # A projection has no slices; readers ask for a thickness all the same.
         pixel_measures=hd.PixelMeasuresSequence(
@@ -120,7 +121,7 @@ def _description(
         algorithm_identification=hd.AlgorithmIdentificationSequence(
             name="mammosim projection of the known lesion",
             family=_FAMILY,
-            version=software_version(),
+            version=VERSION,
         ),
         tracking_uid=study.uid("lesion", str(target.target_id)),
         tracking_id=long_string(f"{target.target_id} {target.name}"),

@@ -7,6 +7,7 @@ Begin with `run`, a whole run on one screen. `configuration` holds what a run is
 from mammosim.pipeline.configuration import (
     PLANNED_CORES,
     Plan,
+    ResolvedView,
     RunConfig,
     ViewSettings,
     apply_change,
@@ -28,12 +29,16 @@ from mammosim.pipeline.folder import (
     writing,
 )
 from mammosim.pipeline.locate import SavedView, locate_lines, read_views
-from mammosim.pipeline.run import Study, ViewResult, simulate
+from mammosim.pipeline.run import Observe, simulate, simulate_series, simulate_view
+from mammosim.pipeline.study import OnProgress, Study, ViewResult
 
 __all__ = [
     "PLANNED_CORES",
     "STAGES_FOLDER",
+    "Observe",
+    "OnProgress",
     "Plan",
+    "ResolvedView",
     "RunConfig",
     "RunFolder",
     "SavedView",
@@ -54,6 +59,8 @@ __all__ = [
     "read_record",
     "read_views",
     "simulate",
+    "simulate_series",
+    "simulate_view",
     "title_of",
     "writing",
 ]

@@ -13,6 +13,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
+from mammosim._version import VERSION
 from mammosim.report.references import references_used
 
 try:
@@ -23,7 +24,7 @@ except ImportError:  # not a Unix
 Status = Literal["done", "not converged", "interrupted"]
 
 PACKAGES = (
-    "mammosim", "numpy", "numba", "scipy", "pydicom", "highdicom", "spekpy", "xraylib",
+    "numpy", "numba", "scipy", "pydicom", "highdicom", "spekpy", "xraylib",
     "SimpleITK",
 )  # fmt: skip
 """Distributions whose version decides a result or a file."""
@@ -125,7 +126,7 @@ def run_record(
 
 
 def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
+    found = {"python": platform.python_version(), "mammosim": VERSION}
     for package in PACKAGES:
         try:
             found[package] = version(package)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from mammosim.acquisition import check_acquisition
 from mammosim.compression import held_tissue, plate_edge_mm
 from mammosim.errors import InputError
-from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, PhantomSettings, make_phantom
 from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.projection import check_field, check_memory
@@ -37,14 +36,14 @@ def check_settings(config: RunConfig) -> None:
         With one line a mistake.
     """
     problems: list[str] = []
-    for view in config.views:
-        projections = view.dbt.projections if view.dbt else 0
+    for view in config.resolved_views:
+        projections = view.tomosynthesis.projections if view.tomosynthesis else 0
         try:
-            check_memory(config.section_for(view, "projection"), projections=projections)
+            check_memory(view.projection, projections=projections)
         except InputError as error:
             problems += error.problems
         try:
-            check_acquisition(config.section_for(view, "acquisition"))
+            check_acquisition(view.acquisition)
         except InputError as error:
             problems += error.problems
     if problems:
@@ -60,17 +59,14 @@ def check_detectors(config: RunConfig, breast: BreastPhantom) -> None:
         With one line a view that does not fit, saying by how much at least.
     """
     problems: list[str] = []
-    for wanted in config.views:
-        compression = config.section_for(wanted, "compression")
-        projection = config.section_for(wanted, "projection")
-        view = View(wanted.view, breast.laterality, compression.mlo_angle_deg)
-        edge_mm = projection.detector_edge_mm
+    for view in config.resolved_views:
+        edge_mm = view.projection.detector_edge_mm
         if edge_mm is None:
-            edge_mm = plate_edge_mm(compression, *held_tissue(compression, breast))
+            edge_mm = plate_edge_mm(view.compression, *held_tissue(view.compression, breast))
         try:
-            check_field(breast, view, edge_mm, projection)
+            check_field(breast, view.position(breast.laterality), edge_mm, view.projection)
         except InputError as error:
-            problems += [f"{wanted.label}: {line}" for line in error.problems]
+            problems += [f"{view.label}: {line}" for line in error.problems]
     if problems:
         raise InputError(problems)
 
@@ -81,8 +77,7 @@ def _outlined_phantom(config: RunConfig) -> BreastPhantom | None:
     A generated breast is made of coarse voxels, up to one voxel smaller than it will be. The usual
     formats hold nearly every breast, so that none is read for them alone.
     """
-    sizes = [config.section_for(view, "projection").detector_mm for view in config.views]
-    if not any(sizes):
+    if not any(view.projection.detector_mm for view in config.resolved_views):
         return None
     phantom = config.phantom
     if phantom.generate is not None:

@@ -60,9 +60,8 @@ def make_plan(config: RunConfig) -> Plan:
     kind = "file" if config.phantom.file else "generate"
     seconds = 5.0 + voxels * SECONDS_A_VOXEL[kind]
     largest = 0.0
-    for view in config.views:
-        compression = config.section_for(view, "compression")
-        projection = config.section_for(view, "projection")
+    for view in config.resolved_views:
+        compression, projection, sweep = view.compression, view.projection, view.tomosynthesis
         nodes = lattice_bytes = 0.0
         if compression.model != "none":
             nodes = voxels * voxel_volume_mm3 / compression.resolution_mm**3
@@ -73,13 +72,13 @@ def make_plan(config: RunConfig) -> Plan:
             seconds += _seconds(again, nodes) * _more_compressions(config)
         height, width = projection.detector_mm or (240.0, 180.0)
         pixels = height * width / projection.pixel_mm**2
-        count = view.dbt.projections if view.dbt else 1
+        count = sweep.projections if sweep else 1
         seconds += pixels * SECONDS_A_PIXEL * count
-        stack = pixels * count * BYTES_A_PROJECTED_PIXEL if view.dbt else 0.0
+        stack = pixels * count * BYTES_A_PROJECTED_PIXEL if sweep else 0.0
         largest = max(largest, lattice_bytes + pixels * BYTES_A_PIXEL + stack)
         line = _view_line(view.label, compression, projection.pixel_mm, nodes, pixels)
-        if view.dbt:
-            line += f", from {count} tube positions over {view.dbt.angle_range_deg:g} degrees"
+        if sweep:
+            line += f", from {count} tube positions over {sweep.angle_range_deg:g} degrees"
         lines.append(line)
     lines += _target_lines(config)
     memory = BASE_BYTES + COMPILER_BYTES + voxels * BYTES_A_VOXEL + largest * len(config.views)

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mammosim.acquisition import Mammogram, Tomosynthesis
 from mammosim.compression import CompressedBreast
 from mammosim.config import write_yaml
-from mammosim.errors import InputError
 from mammosim.export import (
-    PART_PREFIX,
     StudyIdentity,
     series_geometry,
     whole_file,
@@ -29,21 +21,19 @@ from mammosim.export import (
     write_table,
     write_text,
 )
-from mammosim.phantom import open_voxels
-from mammosim.pipeline.configuration.run_config import RunConfig, input_paths, without_paths
+from mammosim.pipeline.configuration import RunConfig
+from mammosim.pipeline.folder.earlier_run import remove_earlier_run
+from mammosim.pipeline.folder.run_identity import InputHashes, hash_of
 from mammosim.pipeline.folder.stage_cache import StageCache
-from mammosim.projection import PathLengths, compressed_labels
+from mammosim.pipeline.study import Study, ViewResult
+from mammosim.projection import compressed_labels
 from mammosim.report import (
-    NOT_HASHED,
     ReportedView,
-    ReportSettings,
     Status,
-    file_hash,
     render_report,
-    run_hash,
     run_record,
 )
-from mammosim.targets import BiopsyResult, RuleError, ShiftAnswers, ShiftUncertainty, Target
+from mammosim.targets import BiopsyResult, RuleError, ShiftUncertainty
 
 TECHNIQUE = ("target", "filter", "kvp", "mas", "hvl_mm_al", "air_kerma_mgy", "dose_mgy")
 """Of a mammogram, in the run's record; of a series of projections, those of the middle one."""
@@ -81,11 +71,11 @@ class RunFolder:
         self.path = Path(path)
         self._config = config
         self._title = title or self.path.name
-        inputs = _Inputs.of(config)
-        self._hash = _hash_of(config, inputs)
+        inputs = InputHashes.of(config)
+        self._hash = hash_of(config, inputs)
         self._identity = StudyIdentity(self._hash, f"Simulated mammography: {self._title}")
         self.stages = StageCache(self.path, (*inputs.labels, *inputs.voxels), reuse)
-        _remove_earlier_run(self.path)
+        remove_earlier_run(self.path)
         with whole_file(self.path / "config.yaml") as part:
             write_yaml(config.plain(), part)
 
@@ -97,78 +87,62 @@ class RunFolder:
         folder = self.path / squeezed.view.folder
         write_compressed(folder, squeezed, settings, labels, frame, self._config.seed)
 
-    def write_images(
-        self, paths: PathLengths, mammogram: Mammogram, targets: Sequence[Target]
-    ) -> None:
-        """Write a view's pictures and masks."""
-        folder = self.path / mammogram.gantry.view.folder
-        write_images(folder, paths, mammogram, targets, self._config.export, self._identity)
+    def write_view(self, result: ViewResult) -> None:
+        """Write a view's pictures and masks, of a mammogram or of a series of projections."""
+        if result.paths is None or result.mammogram is None:
+            return
+        folder, export = self.path / result.squeezed.view.folder, self._config.export
+        if result.series is not None:
+            write_series(folder, result.series, result.paths, result.lesion_images, export)
+        else:
+            write_images(
+                folder, result.paths, result.mammogram, result.targets, export, self._identity
+            )
 
-    def write_series(
-        self,
-        series: Tomosynthesis,
-        middle: PathLengths,
-        lesion_images: Sequence[NDArray[np.unsignedinteger]],
-    ) -> None:
-        """Write a view's projections and masks."""
-        folder = self.path / series.middle.gantry.view.folder
-        write_series(folder, series, middle, lesion_images, self._config.export)
-
-    def write_summary(
-        self,
-        views: Sequence[tuple[CompressedBreast, Mammogram | None]],
-        targets: Sequence[Target],
-        notes: Sequence[str],
-        stage_seconds: Mapping[str, float],
-        status: Status,
-        report: ReportSettings,
-        series: Mapping[str, Tomosynthesis],
-        answers: ShiftAnswers,
-    ) -> None:
+    def write_summary(self, study: Study, status: Status) -> None:
         """Write the tables of the lesions, the run's record and the page."""
-        write_lesions(targets, self.path / "lesions.csv")
+        write_lesions(study.targets, self.path / "lesions.csv")
         for kind, rows, name in (
-            (RuleError, answers.rules, "view_rules"),
-            (BiopsyResult, answers.biopsy, "biopsy"),
-            (ShiftUncertainty, answers.uncertainty, "uncertainty"),
+            (RuleError, study.answers.rules, "view_rules"),
+            (BiopsyResult, study.answers.biopsy, "biopsy"),
+            (ShiftUncertainty, study.answers.uncertainty, "uncertainty"),
         ):
             if rows:
                 write_table(kind, rows, self.path / f"{name}.csv")
-        warnings = list(notes)
-        for squeezed, mammogram in views:
-            warnings += [*squeezed.notes, *(mammogram.notes if mammogram else ())]
-            if not squeezed.converged:
-                warnings.append(f"{squeezed.view.folder}: the compression did not converge")
-        record: dict[str, Any] = run_record(
-            self.path,
-            status=status,
-            seed=self._config.seed,
-            settings=self._config.plain(),
-            stage_seconds=stage_seconds,
-            warnings=warnings,
-            run_hash=self._hash,
-        )
-        record["title"] = self._title
-        record["stages_reused"] = self.stages.reused
-        record["views"] = {view.view.folder: _view_record(view, taken) for view, taken in views}
-        if series:
-            geometry = {name: series_geometry(taken) for name, taken in series.items()}
-            record["tomosynthesis"] = geometry
-        if report.html:
+        record = self._record(study, status)
+        if self._config.report.html:
+            views = [ReportedView(view.squeezed, view.mammogram) for view in study.views.values()]
             page = render_report(
-                [ReportedView(*view) for view in views],
-                targets,
-                record,
-                report,
-                self._title,
-                answers,
+                views, study.targets, record, self._config.report, self._title, study.answers
             )
             write_text(self.path / "report.html", page)
         write_json(self.path / "run.json", record)
 
+    def _record(self, study: Study, status: Status) -> dict[str, Any]:
+        """What `run.json` holds, once all files but the page are written."""
+        record = run_record(
+            self.path,
+            status=status,
+            seed=self._config.seed,
+            settings=self._config.plain(),
+            stage_seconds=study.stage_seconds,
+            warnings=study.notes,
+            run_hash=self._hash,
+        )
+        record["title"] = self._title
+        record["stages_reused"] = self.stages.reused
+        record["views"] = {name: _view_record(view) for name, view in study.views.items()}
+        series = {
+            name: series_geometry(view.series) for name, view in study.views.items() if view.series
+        }
+        if series:
+            record["tomosynthesis"] = series
+        return record
 
-def _view_record(squeezed: CompressedBreast, mammogram: Mammogram | None) -> dict[str, Any]:
+
+def _view_record(result: ViewResult) -> dict[str, Any]:
     """Numbers of one view: compression, technique, dose and density."""
+    squeezed, mammogram = result.squeezed, result.mammogram
     record = {
         "view": squeezed.view.label,
         "laterality": squeezed.view.laterality,
@@ -181,107 +155,3 @@ def _view_record(squeezed: CompressedBreast, mammogram: Mammogram | None) -> dic
         return record
     technique = {name: getattr(mammogram, name) for name in TECHNIQUE}
     return {**record, **technique, **mammogram.measures}
-
-
-@dataclass(frozen=True)
-class _Inputs:
-    """Hashes of the files that a configuration names, and of those that they consist of."""
-
-    labels: tuple[str, ...]
-    others: tuple[str, ...]
-    voxels: tuple[str, ...]
-
-    @classmethod
-    def of(cls, config: RunConfig) -> _Inputs:
-        named = [(where, Path(path)) for where, path in input_paths(config)]
-        files = [(where, path) for where, path in named if _is_file(path)]
-        labels = [path for where, path in files if where == ("phantom", "labels")]
-        others = [path for where, path in files if where[0] != "phantom"]
-        voxels = open_voxels(config.phantom.file).files if config.phantom.file else ()
-        hashes = [tuple(file_hash(path) for path in part) for part in (labels, others, voxels)]
-        return cls(*hashes)
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:
-        return False  # no name that the system knows: said when the file is read
-
-
-def _hash_of(config: RunConfig, inputs: _Inputs) -> str:
-    from mammosim import __version__
-
-    files = (*inputs.labels, *inputs.others, *inputs.voxels)
-    return run_hash(without_paths(config), config.seed, __version__, files)
-
-
-def _remove_earlier_run(folder: Path) -> None:
-    """Remove what an earlier run left, its record first, so that no record outlives its files."""
-    record = read_record(folder)
-    hashes = record.get("files")
-    try:
-        for name in NOT_HASHED:
-            (folder / name).unlink(missing_ok=True)
-        for name, wanted in hashes.items() if isinstance(hashes, dict) else ():
-            if _is_unharmed(folder, name, wanted):
-                (folder / name).unlink()
-        for part in folder.rglob(f"{PART_PREFIX}*"):
-            if part.is_file():
-                part.unlink()
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
-
-
-def check_output(path: Path, resume: bool, overwrite: bool) -> None:
-    """Refuse a folder that holds something, unless it is to be resumed or overwritten.
-
-    Raises
-    ------
-    InputError
-        If the folder is not empty, or is no folder.
-    """
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path}: is not a folder, cannot be a run's output")
-    if path.is_dir() and any(path.iterdir()) and not (resume or overwrite):
-        raise InputError(
-            f"{path}: exists and is not empty; give --resume, --overwrite, or another --output"
-        )
-
-
-def is_finished(path: Path, config: RunConfig) -> bool:
-    """Whether the folder holds the finished run of this very configuration, all files unharmed."""
-    record = read_record(path)
-    if record.get("status") != "done" or record.get("settings") != config.plain():
-        return False
-    if record.get("run_hash") != _hash_of(config, _Inputs.of(config)):
-        return False
-    hashes = record.get("files")
-    return isinstance(hashes, dict) and all(
-        _is_unharmed(path, name, wanted) for name, wanted in hashes.items()
-    )
-
-
-def read_record(path: Path) -> dict[str, Any]:
-    """What a folder's `run.json` says; empty where there is none that can be read."""
-    try:
-        record = json.loads((path / "run.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return record if isinstance(record, dict) else {}
-
-
-def _is_unharmed(folder: Path, name: str, wanted: Any) -> bool:
-    file = folder / name
-    try:
-        return file.resolve().is_relative_to(folder.resolve()) and file_hash(file) == wanted
-    except (OSError, ValueError):
-        return False
-
-
-def title_of(path: Path) -> str:
-    """What a run of this configuration is called: as before, if it is a run's record."""
-    if path.suffix == ".json":
-        title = read_record(path.parent).get("title") if path.name == "run.json" else None
-        return title if isinstance(title, str) else path.stem
-    return path.stem

@@ -19,11 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from mammosim.compression import CompressedBreast
+from mammosim._version import VERSION
+from mammosim.compression import CompressedBreast, CompressionSettings
 from mammosim.export import whole_file, write_json
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, as_held
-from mammosim.pipeline.configuration.run_config import RunConfig, without_paths
+from mammosim.pipeline.configuration import RunConfig, without_paths
 from mammosim.pipeline.folder.serialization import pack, unpack
 from mammosim.report import file_hash
 
@@ -32,7 +33,7 @@ STAGES_FOLDER = ".stages"
 
 PHANTOM_ROOMS = ("config", "geometry", "phantom", "tissues")
 COMPRESSION_ROOMS = (*PHANTOM_ROOMS, "compression")
-PACKAGES = ("mammosim", "numpy", "numba", "scipy")
+PACKAGES = ("numpy", "numba", "scipy")
 """Rooms whose source, and distributions whose version, decide a stage's result."""
 
 
@@ -70,7 +71,7 @@ class StageCache:
     def compression(
         self,
         config: RunConfig,
-        settings: Any,
+        settings: CompressionSettings,
         breast: BreastPhantom,
         view: View,
         make: Callable[[], CompressedBreast],
@@ -126,7 +127,7 @@ def stage_key(rooms: Iterable[str], values: Any, inputs: Iterable[str]) -> str:
     """
     decides = {
         "code": _code_hash(tuple(rooms)),
-        "versions": {package: version(package) for package in PACKAGES},
+        "versions": {"mammosim": VERSION, **{package: version(package) for package in PACKAGES}},
         "values": values,
         "inputs": list(inputs),
     }

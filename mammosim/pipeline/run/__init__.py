@@ -1,5 +1,13 @@
-"""One run, in the order in which a mammogram is made."""
+"""One run, in the order in which a mammogram is made: read `simulation` first."""
 
-from mammosim.pipeline.run.simulation import Study, ViewResult, simulate
+from mammosim.pipeline.run.observer import Observe, RunObserver, unobserved
+from mammosim.pipeline.run.simulation import simulate, simulate_series, simulate_view
 
-__all__ = ["Study", "ViewResult", "simulate"]
+__all__ = [
+    "Observe",
+    "RunObserver",
+    "simulate",
+    "simulate_series",
+    "simulate_view",
+    "unobserved",
+]

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.compression import CompressedBreast, CompressionSettings, Sample, Sampler, compress
 from mammosim.errors import NotConverged
-from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
-from mammosim.pipeline.configuration.run_config import RunConfig
-from mammosim.pipeline.configuration.view_settings import ViewSettings
+from mammosim.pipeline.configuration import ResolvedView, RunConfig
+from mammosim.pipeline.study import OnProgress, ViewResult
 from mammosim.targets import (
     BiopsyResult,
     Origin,
@@ -34,25 +32,20 @@ from mammosim.targets import (
     uncertainties,
 )
 
-if TYPE_CHECKING:
-    from mammosim.pipeline.run.simulation import ViewResult
-
-Tell = Callable[[str, str, np.void | None], None]
-
 MOST_NAMED = 5
 """Samples without equilibrium that a warning describes."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Position:
-    """The breast as it is held for the biopsy, and what it was held with."""
+    """The breast as it is held, and the settings it is held with."""
 
     squeezed: CompressedBreast
     settings: CompressionSettings
 
 
 def shift_answers(
-    breast: BreastPhantom, views: Mapping[str, ViewResult], config: RunConfig, tell: Tell
+    breast: BreastPhantom, views: Mapping[str, ViewResult], config: RunConfig, tell: OnProgress
 ) -> ShiftAnswers:
     """Answer what the configuration asks about the targets of a run's views.
 
@@ -65,46 +58,51 @@ def shift_answers(
     tell : callable
         Told of progress.
     """
-    wanted = {
-        breast.laterality + settings.label: settings
-        for settings in config.views
-        if breast.laterality + settings.label in views
-    }
-    wanted = {name: settings for name, settings in wanted.items() if views[name].targets}
-    seen = {name: views[name] for name in wanted}
-    notes = list(touching_lesions(breast))
+    seen = {folder: result for folder, result in views.items() if result.targets}
+    settings = {view.position(breast.laterality).folder: view for view in config.resolved_views}
     origins = target_origins(breast)
+    notes = list(touching_lesions(breast))
     for result in seen.values():
         notes += target_doubts(result.squeezed, result.targets, origins)
     positions: dict[str, _Position] = {}
     biopsy: list[BiopsyResult] = []
     if config.targets.biopsy is not None:
         tell("", "biopsy", None)
-        positions = _positions(breast, seen, wanted, config, notes)
-        for name, position in positions.items():
-            result, needle = seen[name], config.targets.biopsy.needle
+        positions, not_held = _biopsy_positions(breast, seen, settings, config.seed)
+        notes += not_held
+        for folder, position in positions.items():
+            result, needle = seen[folder], config.targets.biopsy.needle
             biopsy += aim_needles(result.squeezed, result.targets, position.squeezed, needle)
     spread: list[ShiftUncertainty] = []
     if config.targets.uncertainty is not None:
-        spread = _spread(origins, seen, wanted, positions, config, tell, notes)
+        at_mammogram = {
+            folder: _Position(result.squeezed, settings[folder].compression)
+            for folder, result in seen.items()
+        }
+        spread, lost = _spread(origins, at_mammogram, positions, config, tell)
+        notes += lost
     return ShiftAnswers(_rules(seen), tuple(biopsy), tuple(spread), tuple(notes))
 
 
 def with_ellipsoids(
-    targets: Sequence[Target], spread: Sequence[ShiftUncertainty]
-) -> tuple[Target, ...]:
-    """Rows of the table with the semi-axes of their ellipsoids."""
+    views: Mapping[str, ViewResult], spread: Sequence[ShiftUncertainty]
+) -> dict[str, ViewResult]:
+    """Views whose rows of the table hold the semi-axes of their ellipsoids."""
     axes = {(row.target_id, row.view): (row.long_mm, row.middle_mm, row.short_mm) for row in spread}
-    filled = []
-    for target in targets:
+
+    def filled(target: Target) -> Target:
         found = axes.get((target.target_id, target.view))
-        if found is not None:
-            target = replace(
-                target, ellipsoid_long_mm=found[0], ellipsoid_middle_mm=found[1],
-                ellipsoid_short_mm=found[2],
-            )  # fmt: skip
-        filled.append(target)
-    return tuple(filled)
+        if found is None:
+            return target
+        return replace(
+            target, ellipsoid_long_mm=found[0], ellipsoid_middle_mm=found[1],
+            ellipsoid_short_mm=found[2],
+        )  # fmt: skip
+
+    return {
+        folder: replace(view, targets=tuple(map(filled, view.targets)))
+        for folder, view in views.items()
+    }
 
 
 def _rules(seen: Mapping[str, ViewResult]) -> tuple[RuleError, ...]:
@@ -116,60 +114,71 @@ def _rules(seen: Mapping[str, ViewResult]) -> tuple[RuleError, ...]:
     return tuple(rule_errors(plain))
 
 
-def _positions(
+def _biopsy_positions(
     breast: BreastPhantom,
     seen: Mapping[str, ViewResult],
-    wanted: Mapping[str, ViewSettings],
-    config: RunConfig,
-    notes: list[str],
-) -> dict[str, _Position]:
-    """The breast at biopsy for each view's mammogram; equal positions are computed once."""
-    made: dict[str, CompressedBreast] = {}
-    for name, result in seen.items():
-        own = config.section_for(wanted[name], "compression")
-        made[f"{wanted[name].view} {own.model_dump_json()}"] = result.squeezed
-    positions = {}
-    for name in seen:
-        view_name, settings = config.biopsy_section(wanted[name])
-        key = f"{view_name} {settings.model_dump_json()}"
+    settings: Mapping[str, ResolvedView],
+    seed: int,
+) -> tuple[dict[str, _Position], list[str]]:
+    """The breast at biopsy for each view's mammogram, and which did not converge.
+
+    Equal positions are computed once.
+    """
+    made = {
+        _key(settings[folder].view, settings[folder].compression): result.squeezed
+        for folder, result in seen.items()
+    }
+    positions: dict[str, _Position] = {}
+    notes = []
+    for folder in seen:
+        biopsy = settings[folder].biopsy
+        if biopsy is None:
+            continue
+        key = _key(biopsy.view, biopsy.compression)
         if key not in made:
-            view = View(view_name, breast.laterality, settings.mlo_angle_deg)
-            given = settings.model_dump(mode="json", exclude_unset=True)
+            view = biopsy.position(breast.laterality)
             try:
-                made[key] = compress(breast, view, seed=config.seed, **given)
+                made[key] = compress(breast, view, biopsy.compression, seed=seed)
             except NotConverged as error:
                 made[key] = error.reached
-                notes.append(f"biopsy for {name}: {error}")
-        positions[name] = _Position(made[key], settings)
-    return positions
+                notes.append(f"biopsy for {folder}: {error}")
+        positions[folder] = _Position(made[key], biopsy.compression)
+    return positions, notes
+
+
+def _key(view: str, compression: CompressionSettings) -> str:
+    return f"{view} {compression.model_dump_json()}"
 
 
 def _spread(
     origins: Sequence[Origin],
-    seen: Mapping[str, ViewResult],
-    wanted: Mapping[str, ViewSettings],
-    positions: Mapping[str, _Position],
+    at_mammogram: Mapping[str, _Position],
+    at_biopsy: Mapping[str, _Position],
     config: RunConfig,
-    tell: Tell,
-    notes: list[str],
-) -> list[ShiftUncertainty]:
-    """Draw samples of every view, and of its biopsy position with the same tissue."""
-    by_view: dict[str, NDArray[np.float64]] = {}
-    at_biopsy: dict[str, NDArray[np.float64]] = {}
+    tell: OnProgress,
+) -> tuple[list[ShiftUncertainty], list[str]]:
+    """Draw samples of every view, and of its biopsy position with the same tissue.
+
+    Also says how many samples of which view were lost.
+    """
+    shifts: dict[str, NDArray[np.float64]] = {}
+    biopsy_shifts: dict[str, NDArray[np.float64]] = {}
     done: dict[int, NDArray[np.float64]] = {}
-    for name, result in seen.items():
-        tell(name, "uncertainty", None)
-        label = result.squeezed.view.label
-        held = _Position(result.squeezed, config.section_for(wanted[name], "compression"))
-        by_view[label] = _sampled(origins, held, name, config, partial(tell, name), notes)
-        if name in positions:
-            position = positions[name]
-            key = id(position.squeezed)
+    notes: list[str] = []
+    for folder, position in at_mammogram.items():
+        tell(folder, "uncertainty", None)
+        label, told = position.squeezed.view.label, partial(tell, folder)
+        shifts[label], lost = _sampled(origins, position, folder, config, told)
+        notes += lost
+        if folder in at_biopsy:
+            held = at_biopsy[folder]
+            key = id(held.squeezed)
             if key not in done:
-                what = f"biopsy {position.squeezed.view.folder}"
-                done[key] = _sampled(origins, position, what, config, partial(tell, name), notes)
-            at_biopsy[label] = done[key]
-    return uncertainties(origins, by_view, at_biopsy if positions else None)
+                what = f"biopsy {held.squeezed.view.folder}"
+                done[key], lost = _sampled(origins, held, what, config, told)
+                notes += lost
+            biopsy_shifts[label] = done[key]
+    return uncertainties(origins, shifts, biopsy_shifts if at_biopsy else None), notes
 
 
 def _sampled(
@@ -178,12 +187,11 @@ def _sampled(
     what: str,
     config: RunConfig,
     tell: Callable[[str, np.void], None],
-    notes: list[str],
-) -> NDArray[np.float64]:
-    """Shift of each target in each sample of one position, [sample, target, 3], mm."""
+) -> tuple[NDArray[np.float64], list[str]]:
+    """Shift of each target in each sample of one position, [sample, target, 3], mm; and notes."""
     settings = config.targets.uncertainty or UncertaintySettings()
     if held.squeezed.model == "none":  # nothing is held, nothing varies
-        return np.zeros((settings.samples, len(origins), 3))
+        return np.zeros((settings.samples, len(origins), 3)), []
     sampler = Sampler(held.squeezed, held.settings)
     samples = draw_samples(settings, sampler.groups, what, config.seed)
 
@@ -192,9 +200,7 @@ def _sampled(
 
     found = sampled_shifts(sampler, origins, samples, watch)
     lost = np.flatnonzero(np.isnan(found).any(axis=(1, 2)))
-    if lost.size:
-        notes.append(_left_out(what, samples, lost.tolist()))
-    return found
+    return found, [_left_out(what, samples, lost.tolist())] if lost.size else []
 
 
 def _left_out(what: str, samples: Sequence[Sample], lost: Sequence[int]) -> str:

@@ -1,0 +1,70 @@
+"""Files that a configuration names: where, and what remains of it without their place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from mammosim.pipeline.configuration.run_config import RunConfig
+from mammosim.pipeline.configuration.view_settings import VIEW_SECTIONS
+
+PATH_KEYS = (
+    ("phantom", "file"),
+    ("phantom", "labels"),
+    ("acquisition", "spectrum_file"),
+    ("acquisition", "composition"),
+)
+"""Keys whose value is, or may be, a path relative to the configuration's file."""
+
+
+def make_paths_absolute(values: dict[str, Any], folder: Path) -> None:
+    """Replace paths in plain values by absolute ones; `folder` is what they are relative to."""
+    for where, value in named_paths(values):
+        block = values
+        for key in where[:-1]:
+            block = block[key]
+        block[where[-1]] = str(folder / Path(value).expanduser())
+
+
+def named_paths(values: dict[str, Any]) -> list[tuple[tuple[Any, ...], str]]:
+    """Where a configuration's plain values name files, and the paths: in sections and in views."""
+    found: list[tuple[tuple[Any, ...], Any]] = []
+    views = values.get("views")
+    for section, key in PATH_KEYS:
+        places: list[tuple[Any, ...]] = [(section,)]
+        if section in VIEW_SECTIONS and isinstance(views, list):
+            for number in range(len(views)):
+                places += [("views", number), ("views", number, section)]
+        found += [((*place, key), _inside(values, (*place, key))) for place in places]
+    return [
+        (where, value)
+        for where, value in found
+        if isinstance(value, str) and (where[-1].endswith("file") or Path(value).suffix)
+    ]
+
+
+def input_paths(config: RunConfig) -> list[tuple[tuple[Any, ...], str]]:
+    """Key paths at which a configuration names files, and the absolute paths."""
+    named = named_paths(config.plain())
+    return [(where, value) for where, value in named if Path(value).is_absolute()]
+
+
+def without_paths(config: RunConfig) -> dict[str, Any]:
+    """The configuration's values, without where its input files lie."""
+    values = config.plain()
+    for where, value in input_paths(config):
+        block = values
+        for key in where[:-1]:
+            block = block[key]
+        block[where[-1]] = Path(value).name
+    return values
+
+
+def _inside(values: Any, where: tuple[Any, ...]) -> Any:
+    """What stands at a key path; None where nothing does."""
+    for key in where:
+        if isinstance(key, int):
+            values = values[key] if isinstance(values, list) else None
+        else:
+            values = values.get(key) if isinstance(values, dict) else None
+    return values

@@ -1,0 +1,65 @@
+"""One view of a run with its settings as they hold for it: the sections' and the view's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from mammosim.acquisition import AcquisitionSettings
+from mammosim.compression import CompressionSettings
+from mammosim.geometry import View
+from mammosim.projection import ProjectionSettings, TomosynthesisSettings
+
+ViewName = Literal["CC", "MLO", "ML"]
+
+
+@dataclass(frozen=True)
+class BiopsyPosition:
+    """How the breast is held while a needle goes for what a view showed.
+
+    Parameters
+    ----------
+    view : {"CC", "MLO", "ML"}
+    compression : CompressionSettings
+    """
+
+    view: ViewName
+    compression: CompressionSettings
+
+    def position(self, laterality: str) -> View:
+        """The view of one breast."""
+        return View(self.view, laterality, self.compression.mlo_angle_deg)
+
+
+@dataclass(frozen=True)
+class ResolvedView:
+    """One view of a run; its settings are whole and are handed down as they are.
+
+    Parameters
+    ----------
+    view : {"CC", "MLO", "ML"}
+    compression : CompressionSettings
+    projection : ProjectionSettings
+    acquisition : AcquisitionSettings
+    tomosynthesis : TomosynthesisSettings, optional
+        How the tube moves, where the view is taken as a series of projections.
+    biopsy : BiopsyPosition, optional
+        Where `targets.biopsy` is asked for.
+    """
+
+    view: ViewName
+    compression: CompressionSettings
+    projection: ProjectionSettings
+    acquisition: AcquisitionSettings
+    tomosynthesis: TomosynthesisSettings | None = None
+    biopsy: BiopsyPosition | None = None
+
+    def position(self, laterality: str) -> View:
+        """The view of one breast."""
+        series = self.tomosynthesis is not None
+        return View(self.view, laterality, self.compression.mlo_angle_deg, series)
+
+    @property
+    def label(self) -> str:
+        """What the run calls the view, as `CC` or `CC_DBT`."""
+        return self.position("L").label

@@ -1,0 +1,84 @@
+"""What an earlier run left in a folder: its record, whether it is whole, and how it is removed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from mammosim.errors import InputError
+from mammosim.export import PART_PREFIX
+from mammosim.pipeline.configuration import RunConfig
+from mammosim.pipeline.folder.run_identity import InputHashes, hash_of
+from mammosim.report import NOT_HASHED, file_hash
+
+
+def check_output(path: Path, resume: bool, overwrite: bool) -> None:
+    """Refuse a folder that holds something, unless it is to be resumed or overwritten.
+
+    Raises
+    ------
+    InputError
+        If the folder is not empty, or is no folder.
+    """
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path}: is not a folder, cannot be a run's output")
+    if path.is_dir() and any(path.iterdir()) and not (resume or overwrite):
+        raise InputError(
+            f"{path}: exists and is not empty; give --resume, --overwrite, or another --output"
+        )
+
+
+def is_finished(path: Path, config: RunConfig) -> bool:
+    """Whether the folder holds the finished run of this very configuration, all files unharmed."""
+    record = read_record(path)
+    if record.get("status") != "done" or record.get("settings") != config.plain():
+        return False
+    if record.get("run_hash") != hash_of(config, InputHashes.of(config)):
+        return False
+    hashes = record.get("files")
+    return isinstance(hashes, dict) and all(
+        _is_unharmed(path, name, wanted) for name, wanted in hashes.items()
+    )
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """What a folder's `run.json` says; empty where there is none that can be read."""
+    try:
+        record = json.loads((path / "run.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return record if isinstance(record, dict) else {}
+
+
+def _is_unharmed(folder: Path, name: str, wanted: Any) -> bool:
+    file = folder / name
+    try:
+        return file.resolve().is_relative_to(folder.resolve()) and file_hash(file) == wanted
+    except (OSError, ValueError):
+        return False
+
+
+def title_of(path: Path) -> str:
+    """What a run of this configuration is called: as before, if it is a run's record."""
+    if path.suffix == ".json":
+        title = read_record(path.parent).get("title") if path.name == "run.json" else None
+        return title if isinstance(title, str) else path.stem
+    return path.stem
+
+
+def remove_earlier_run(folder: Path) -> None:
+    """Remove what an earlier run left, its record first, so that no record outlives its files."""
+    record = read_record(folder)
+    hashes = record.get("files")
+    try:
+        for name in NOT_HASHED:
+            (folder / name).unlink(missing_ok=True)
+        for name, wanted in hashes.items() if isinstance(hashes, dict) else ():
+            if _is_unharmed(folder, name, wanted):
+                (folder / name).unlink()
+        for part in folder.rglob(f"{PART_PREFIX}*"):
+            if part.is_file():
+                part.unlink()
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror})") from None

@@ -1,0 +1,44 @@
+"""What makes a run that run: hashes of its input files, and the hash of all that decides it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mammosim._version import VERSION
+from mammosim.phantom import open_voxels
+from mammosim.pipeline.configuration import RunConfig, input_paths, without_paths
+from mammosim.report import file_hash, run_hash
+
+
+@dataclass(frozen=True)
+class InputHashes:
+    """Hashes of the files that a configuration names, and of those that they consist of."""
+
+    labels: tuple[str, ...]
+    others: tuple[str, ...]
+    voxels: tuple[str, ...]
+
+    @classmethod
+    def of(cls, config: RunConfig) -> InputHashes:
+        """Read all files once."""
+        named = [(where, Path(path)) for where, path in input_paths(config)]
+        files = [(where, path) for where, path in named if _is_file(path)]
+        labels = [path for where, path in files if where == ("phantom", "labels")]
+        others = [path for where, path in files if where[0] != "phantom"]
+        voxels = open_voxels(config.phantom.file).files if config.phantom.file else ()
+        hashes = [tuple(file_hash(path) for path in part) for part in (labels, others, voxels)]
+        return cls(*hashes)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:
+        return False  # no name that the system knows: said when the file is read
+
+
+def hash_of(config: RunConfig, inputs: InputHashes) -> str:
+    """Hash of everything that decides a run's result."""
+    files = (*inputs.labels, *inputs.others, *inputs.voxels)
+    return run_hash(without_paths(config), config.seed, VERSION, files)

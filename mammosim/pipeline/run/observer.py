@@ -1,0 +1,183 @@
+"""What a run does around its stages: it times, keeps, writes, and tells of progress."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial, wraps
+from typing import Any, ParamSpec, Protocol, TypeVar
+
+from mammosim.compression import CompressedBreast, CompressionSettings
+from mammosim.errors import Interrupted, NotConverged
+from mammosim.geometry import View
+from mammosim.phantom import BreastPhantom
+from mammosim.pipeline.configuration import RunConfig
+from mammosim.pipeline.folder import RunFolder
+from mammosim.pipeline.study import OnProgress, Study, ViewResult
+from mammosim.report import Status
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+STAGE_NAMES = {
+    "make_phantom": "phantom",
+    "compress": "compression",
+    "project": "projection",
+    "expose": "acquisition",
+    "lesion_visibility": "targets",
+    "find_targets": "targets",
+    "project_arc": "projections",
+    "expose_arc": "projections",
+    "shift_answers": "lesion shift",
+}
+"""What the record and the progress call each stage, by its function."""
+
+
+class Observe(Protocol):
+    """Takes a stage and returns what is called in its place."""
+
+    def __call__(self, stage: Callable[Arguments, Result], /) -> Callable[Arguments, Result]:
+        """The stage, observed."""
+        ...
+
+
+def unobserved(stage: Callable[Arguments, Result], /) -> Callable[Arguments, Result]:
+    """The stage as it is."""
+    return stage
+
+
+class RunObserver:
+    """Observes the stages of one run.
+
+    Every stage is timed and told of. The phantom and the compressions are taken from the run's
+    folder where it keeps them, and kept there. A compression, a view and the whole study are
+    written as soon as they are there. A compression that did not converge is noted, and the run
+    goes on with what it reached.
+
+    Parameters
+    ----------
+    config : RunConfig
+    output : RunFolder, optional
+        Without it, nothing is kept or written.
+    on_progress : callable, optional
+
+    Attributes
+    ----------
+    tell : callable
+        Told of progress.
+    unfinished : list of NotConverged
+        Compressions that did not converge.
+    """
+
+    def __init__(
+        self, config: RunConfig, output: RunFolder | None, on_progress: OnProgress | None
+    ) -> None:
+        self._config, self._output = config, output
+        self.tell: OnProgress = on_progress or (lambda view, stage, row: None)
+        self.unfinished: list[NotConverged] = []
+        self._views: dict[str, ViewResult] = {}
+        self._seconds: dict[str, float] = defaultdict(float)
+        self._told = ("", "")
+
+    @property
+    def views(self) -> Mapping[str, ViewResult]:
+        """What was reached so far, by folder."""
+        return dict(self._views)
+
+    def of_run(self, stage: Callable[Arguments, Result], /) -> Callable[Arguments, Result]:
+        """A stage of the whole run, observed."""
+        return self.of_view("")(stage)
+
+    def of_view(self, folder: str) -> Observe:
+        """Observes the stages of one view."""
+
+        def observe(stage: Callable[Arguments, Result], /) -> Callable[Arguments, Result]:
+            around: dict[str, Callable[..., Any]] = {
+                "make_phantom": self._phantom,
+                "compress": self._compression,
+            }
+            run = around.get(stage.__name__, self._timed)
+
+            @wraps(stage)
+            def observed(*arguments: Arguments.args, **keys: Arguments.kwargs) -> Result:
+                result: Result = run(folder, stage, *arguments, **keys)
+                return result
+
+            return observed
+
+        return observe
+
+    def keep(self, result: ViewResult) -> None:
+        """Note and write a view that is done."""
+        folder = result.squeezed.view.folder
+        self._views[folder] = result
+        if self._output is not None:
+            with self._timing(folder, "export"):
+                self._output.write_view(result)
+
+    def finish(self, study: Study, status: Status) -> Study:
+        """Write tables, record and page; the study with the time of each stage."""
+        study = replace(study, stage_seconds=dict(self._seconds))
+        if self._output is not None:
+            with self._timing("", "report"):
+                self._output.write_summary(study, status)
+        return replace(study, stage_seconds=dict(self._seconds))
+
+    def _timed(self, folder: str, stage: Callable[..., Any], *arguments: Any, **keys: Any) -> Any:
+        with self._timing(folder, STAGE_NAMES[stage.__name__]):
+            return stage(*arguments, **keys)
+
+    def _phantom(self, folder: str, make_phantom: Callable[..., Any], *arguments: Any) -> Any:
+        """The uncompressed breast, as it was kept or made now."""
+        with self._timing(folder, "phantom"):
+            make = partial(make_phantom, *arguments)
+            return (
+                make() if self._output is None else self._output.stages.phantom(self._config, make)
+            )
+
+    def _compression(
+        self, folder: str, compress: Callable[..., CompressedBreast], breast: BreastPhantom,
+        view: View, settings: CompressionSettings, *, seed: int,
+    ) -> CompressedBreast:  # fmt: skip
+        """The compressed breast, as it was kept or made now, written before anything can fail."""
+        watch = partial(self.tell, folder, "compression")
+        make = partial(compress, breast, view, settings, seed=seed, watch=watch)
+        try:
+            with self._timing(folder, "compression"):
+                if self._output is None:
+                    compressed = make()
+                else:
+                    compressed = self._output.stages.compression(
+                        self._config, settings, breast, view, make
+                    )
+        except NotConverged as error:
+            self.unfinished.append(error)
+            compressed = error.reached
+        except Interrupted as stop:
+            self._keep_compression(stop.reached)
+            raise
+        self._keep_compression(compressed)
+        return compressed
+
+    def _keep_compression(self, compressed: CompressedBreast) -> None:
+        folder = compressed.view.folder
+        self._views[folder] = ViewResult(compressed)
+        if self._output is not None:
+            with self._timing(folder, "volumes"):
+                self._output.write_compression(compressed)
+
+    @contextmanager
+    def _timing(self, folder: str, stage: str) -> Iterator[None]:
+        """Tell of a stage, once for all its functions, and add its time."""
+        if self._told != (folder, stage):
+            self._told = (folder, stage)
+            self.tell(folder, stage, None)
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            name = f"{folder}.{stage}" if folder else stage
+            self._seconds[name] += time.perf_counter() - start

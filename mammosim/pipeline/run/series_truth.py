@@ -1,0 +1,46 @@
+"""Where lesions are in each projection of a series, noted while the projections are traced."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.acquisition import Tomosynthesis
+from mammosim.compression import CompressedBreast
+from mammosim.export import label_image, lesion_masks
+from mammosim.pipeline.study import ViewResult
+from mammosim.projection import PathLengths
+from mammosim.targets import Target, find_targets
+
+
+class SeriesTruth:
+    """What is known of the lesions in a series of projections.
+
+    Path lengths of all projections would not fit in memory; only those of the middle one are kept.
+
+    Parameters
+    ----------
+    squeezed : CompressedBreast
+    """
+
+    def __init__(self, squeezed: CompressedBreast) -> None:
+        self._squeezed = squeezed
+        self._middle: PathLengths | None = None
+        self._targets: tuple[Target, ...] = ()
+        self._images: dict[int, NDArray[np.unsignedinteger]] = {}
+
+    def gather(self, index: int, paths: PathLengths) -> None:
+        """Note one projection; `expose_arc` passes the middle one first."""
+        if self._middle is None:
+            self._middle = paths
+            self._targets = tuple(find_targets(self._squeezed, paths))
+        if any(paths.lesion_labels):
+            masks = lesion_masks(paths, self._targets)
+            self._images[index] = label_image(masks, (paths.gantry.rows, paths.gantry.columns))
+
+    def result(self, series: Tomosynthesis) -> ViewResult:
+        """The view, once all projections have been exposed."""
+        images = tuple(self._images[index] for index in sorted(self._images))
+        return ViewResult(
+            self._squeezed, self._middle, series.middle, self._targets, series, images
+        )

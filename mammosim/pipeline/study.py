@@ -1,0 +1,81 @@
+"""Records of a run: what one view gave, and what all gave together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.acquisition import Mammogram, Tomosynthesis
+from mammosim.compression import CompressedBreast
+from mammosim.phantom import BreastPhantom
+from mammosim.projection import PathLengths
+from mammosim.targets import ShiftAnswers, Target
+
+OnProgress = Callable[[str, str, np.void | None], None]
+"""Told of progress: view folder or '', stage, and a row of the solver's history or None."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewResult:
+    """One view as far as it came; what was not reached is None or empty.
+
+    Parameters
+    ----------
+    squeezed : CompressedBreast
+    paths : PathLengths, optional
+        Of a series of projections, those of the middle one; so are `mammogram` and `targets`.
+    mammogram : Mammogram, optional
+    targets : tuple of Target
+        Lesions, then landmarks, then the nipple.
+    series : Tomosynthesis, optional
+        The projections, where the view was taken as a series.
+    lesion_images : tuple of ndarray of uint8 or uint16, [row, column]
+        Of a series, the label image of the lesions in each projection; empty without lesions.
+    """
+
+    squeezed: CompressedBreast
+    paths: PathLengths | None = None
+    mammogram: Mammogram | None = None
+    targets: tuple[Target, ...] = ()
+    series: Tomosynthesis | None = None
+    lesion_images: tuple[NDArray[np.unsignedinteger], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A run's results.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+        The uncompressed breast.
+    views : mapping of str to ViewResult
+        By laterality and view, as `LCC`; a series of projections as `LCC_DBT`.
+    stage_seconds : mapping of str to float
+        Wall time of each stage, s.
+    answers : ShiftAnswers
+        Rules between views, biopsy and uncertainty.
+    """
+
+    breast: BreastPhantom
+    views: Mapping[str, ViewResult] = field(default_factory=dict)
+    stage_seconds: Mapping[str, float] = field(default_factory=dict)
+    answers: ShiftAnswers = field(default_factory=ShiftAnswers)
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """One target a view, the rows of `lesions.csv`."""
+        return tuple(target for view in self.views.values() for target in view.targets)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Warnings of all stages, one sentence each."""
+        notes = [*self.breast.notes, *self.answers.notes]
+        for view in self.views.values():
+            notes += [*view.squeezed.notes, *(view.mammogram.notes if view.mammogram else ())]
+            if not view.squeezed.converged:
+                notes.append(f"{view.squeezed.view.folder}: the compression did not converge")
+        return tuple(notes)
