@@ -51,7 +51,7 @@ class Uniform(Settings):
     uniform: tuple[float, float]
     """Smallest and largest value."""
 
-    decimals: int | None = Field(None, ge=0, le=12)
+    decimals: int | None = Field(default=None, ge=0, le=12)
     """Decimals that are kept; 0 gives whole numbers; left out: all."""
 
     @model_validator(mode="after")
@@ -75,7 +75,7 @@ class Normal(Settings):
     within: tuple[float, float] | None = None
     """Smallest and largest value: the distribution is cut off there and made whole again."""
 
-    decimals: int | None = Field(None, ge=0, le=12)
+    decimals: int | None = Field(default=None, ge=0, le=12)
     """Decimals that are kept; 0 gives whole numbers; left out: all."""
 
     @model_validator(mode="after")

@@ -15,13 +15,13 @@ MOST_PATIENTS = 1_000_000
 class SplitSettings(Settings):
     """Parts of the patients that are for training, for choosing, and for testing."""
 
-    train: float = Field(0.7, ge=0, le=1)
+    train: float = Field(default=0.7, ge=0, le=1)
     """Part of the patients for training."""
 
-    validation: float = Field(0.15, ge=0, le=1)
+    validation: float = Field(default=0.15, ge=0, le=1)
     """Part of the patients for choosing a model."""
 
-    test: float = Field(0.15, ge=0, le=1)
+    test: float = Field(default=0.15, ge=0, le=1)
     """Part of the patients that nothing is fitted to."""
 
     @model_validator(mode="after")
@@ -45,17 +45,17 @@ class DatasetSettings(Settings):
 class CohortSettings(Settings):
     """The patients of a cohort."""
 
-    patients: int | None = Field(None, ge=1, le=MOST_PATIENTS)
+    patients: int | None = Field(default=None, ge=1, le=MOST_PATIENTS)
     """Number of patients; left out: the lines of `patients_file`."""
 
     patients_file: str | None = None
     """CSV file with a line a patient and a header, for values of `{column: NAME}`; relative to
     the cohort's file."""
 
-    memory_gb: float | None = Field(None, gt=0)
+    memory_gb: float | None = Field(default=None, gt=0)
     """Memory that all local workers may use together, GB; left out: what is free."""
 
-    attempts: int = Field(3, ge=1, le=100)
+    attempts: int = Field(default=3, ge=1, le=100)
     """How often a patient is begun whose worker dies, before it counts as failed. Dask itself
     repeats a patient three times before it counts once. One that is begun four times as often
     without finishing a stage, as where workers end too soon, has failed too."""

@@ -27,11 +27,11 @@ class PlatesInVoxels(Settings):
     upper: float
     """Height of the paddle's face (UpperPlate), voxels from the lowest tissue layer."""
 
-    edge: float | None = Field(None, gt=0)
+    edge: float | None = Field(default=None, gt=0)
     """Depth of the plates' edge (platePosition), voxels from the nipple; left out: as
     `plate_edge_mm`."""
 
-    chest_wall: float | None = Field(None, gt=0)
+    chest_wall: float | None = Field(default=None, gt=0)
     """Depth from which on tissue is held (chestPosition), voxels from the nipple; left out: the
     last tissue layer."""
 
@@ -55,11 +55,11 @@ class CompressionSettings(Settings):
     """Solver of the spring model: `relaxation` is the thesis' own, `multigrid` reaches the same
     equilibrium far sooner."""
 
-    thickness_mm: float | None = Field(None, gt=0)
+    thickness_mm: float | None = Field(default=None, gt=0)
     """Gap between the plates' faces, mm; left out: from the breast's volume by the population fit
     of Hogg et al. (M-PACT)."""
 
-    force_n: float | None = Field(None, gt=0)
+    force_n: float | None = Field(default=None, gt=0)
     """Force on the paddle, N, in place of a thickness."""
 
     support_z_mm: float | None = None
@@ -72,10 +72,10 @@ class CompressionSettings(Settings):
     """Plates and chest wall in the phantom's voxels, as the source thesis gives them, in place of
     the keys in mm; view CC only."""
 
-    resolution_mm: float = Field(1.0, ge=0.1, le=10)
+    resolution_mm: float = Field(default=1.0, ge=0.1, le=10)
     """Node spacing of the mechanical lattice, mm; 1 mm resolves skin and glandular lobes."""
 
-    mlo_angle_deg: float = Field(45.0, ge=30, le=60)
+    mlo_angle_deg: float = Field(default=45.0, ge=30, le=60)
     """Angle of the plates' normal from superior towards medial in MLO, degrees."""
 
     chest_wall: Literal["fixed", "sliding"] = "fixed"
@@ -110,19 +110,19 @@ class CompressionSettings(Settings):
     """Let the breast's weight act, the patient standing; tissue moves from its shape in the
     phantom, which is taken as free of weight."""
 
-    force_tolerance: float = Field(0.1, gt=0, le=0.5)
+    force_tolerance: float = Field(default=0.1, gt=0, le=0.5)
     """Out-of-balance force at which `hyperelastic` stops: norm of the nodes' unbalanced forces over
     that of the plates' forces on them."""
 
-    tolerance_voxel: float = Field(1e-3, gt=0, le=0.1)
+    tolerance_voxel: float = Field(default=1e-3, gt=0, le=0.1)
     """Largest estimated distance of a node from equilibrium at which `multigrid` stops, lattice
     units."""
 
-    relaxation_limit_voxel: float = Field(1e-4, gt=0, le=0.1)
+    relaxation_limit_voxel: float = Field(default=1e-4, gt=0, le=0.1)
     """Mean displacement of a node in a sweep at which `relaxation` stops, lattice units; 1/10 000
     in the thesis."""
 
-    max_sweeps: int = Field(20_000, ge=1)
+    max_sweeps: int = Field(default=20_000, ge=1)
     """Sweeps after which `relaxation` gives up."""
 
     @field_validator("stiffness")

@@ -21,7 +21,7 @@ class LesionSettings(Settings):
     kind: Literal["mass", "calcification", "clip"]
     """A mass, a cluster of calcifications, or a biopsy clip."""
 
-    diameter_mm: float | None = Field(None, gt=0.0, le=100.0)
+    diameter_mm: float | None = Field(default=None, gt=0.0, le=100.0)
     """Diameter of the mass or cluster, or length of the clip, mm; left out, 10, 10 and 3, and 25
     along an artery."""
 
@@ -35,10 +35,10 @@ class LesionSettings(Settings):
     """Form of calcifications: round, irregular, in a row that forks along ducts, or in the wall of
     an artery, which the breast must have there."""
 
-    count: int | None = Field(None, ge=1, le=200)
+    count: int | None = Field(default=None, ge=1, le=200)
     """Number of calcifications in a cluster, not of an artery; left out, drawn from 5 to 30."""
 
-    calcification_mm: float | None = Field(None, ge=0.05, le=3.0)
+    calcification_mm: float | None = Field(default=None, ge=0.05, le=3.0)
     """Diameter of a ball of each calcification's volume, mm, or thickness of calcified wall; left
     out, drawn for each from 0.1 to 0.8, and 0.08 in a wall."""
 
@@ -94,7 +94,7 @@ class PhantomSettings(Settings):
     voxel_mm: float | tuple[float, float, float] | None = None
     """Voxel size along the file's axes, mm, one number or three; left out, what the file says."""
 
-    reduce: int = Field(1, ge=1, le=MOST_REDUCED)
+    reduce: int = Field(default=1, ge=1, le=MOST_REDUCED)
     """Of every n voxels of the file along each axis one is kept, for what exceeds memory."""
 
     generate: GenerateSettings | None = None

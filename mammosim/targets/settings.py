@@ -16,10 +16,10 @@ class BiopsySettings(Settings):
     """Compression while the needle goes in: that of each mammogram with its own thickness, one of
     the views, or `none` for a breast as the phantom has it."""
 
-    thickness_mm: float | None = Field(None, gt=0)
+    thickness_mm: float | None = Field(default=None, gt=0)
     """Gap between the plates during biopsy, mm; left out: as in the mammogram of that view."""
 
-    force_n: float | None = Field(None, gt=0)
+    force_n: float | None = Field(default=None, gt=0)
     """Force on the paddle during biopsy, N, in place of a thickness."""
 
     needle: Literal["vertical", "lateral"] = "vertical"
@@ -41,26 +41,26 @@ class BiopsySettings(Settings):
 class UncertaintySettings(Settings):
     """What is varied to tell how sure a shift is, and how far."""
 
-    samples: int = Field(50, ge=10, le=10_000)
+    samples: int = Field(default=50, ge=10, le=10_000)
     """Compressions that are drawn for each view; 50 give the ellipsoid's axes to about 10 %."""
 
     # Relative standard deviations between samples of one tissue: fat 28 %, gland 19 % (Samani,
     # Zubovits & Plewes 2007, Phys Med Biol 52:1565), fat 39 %, gland 50 % (Krouskop et al. 1998,
     # Ultrason Imaging 20:260).
-    stiffness_spread: float = Field(0.35, ge=0, le=1)
+    stiffness_spread: float = Field(default=0.35, ge=0, le=1)
     """Standard deviation of the logarithm of each tissue's modulus, each drawn for itself."""
 
     # Readouts were off by up to 14 % with rigid paddles, 7 mm of 50 (Hauge et al. 2012, Med Phys
     # 39:263).
-    thickness_mm: float = Field(5.0, ge=0, le=30)
+    thickness_mm: float = Field(default=5.0, ge=0, le=30)
     """Largest deviation of the compressed thickness, either way, mm, evenly drawn."""
 
-    plate_height_mm: float = Field(5.0, ge=0, le=30)
+    plate_height_mm: float = Field(default=5.0, ge=0, le=30)
     """Largest deviation of both plates' height along their normal, either way, mm, evenly drawn
     (assumed)."""
 
     # Positioning is accepted where the nipple lines of CC and MLO agree to 10 mm.
-    plate_edge_mm: float = Field(5.0, ge=0, le=30)
+    plate_edge_mm: float = Field(default=5.0, ge=0, le=30)
     """Largest deviation of how far the breast is drawn between the plates, either way, mm, evenly
     drawn."""
 

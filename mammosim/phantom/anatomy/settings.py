@@ -32,24 +32,24 @@ class GenerateSettings(Settings):
     )
     """Density class, by name or BI-RADS letter."""
 
-    voxel_mm: float = Field(0.5, ge=0.1, le=4.0)
+    voxel_mm: float = Field(default=0.5, ge=0.1, le=4.0)
     """Voxel size, mm."""
 
-    volume_ml: float | None = Field(None, ge=100.0, le=1900.0)
+    volume_ml: float | None = Field(default=None, ge=100.0, le=1900.0)
     """Volume of the breast without muscle, mL; left out, drawn by the seed: median 620, two thirds
     of breasts from 380 to 1000."""
 
-    glandular_percent: float | None = Field(None, ge=2.0, le=55.0)
+    glandular_percent: float | None = Field(default=None, ge=2.0, le=55.0)
     """Fibroglandular share of the volume within the skin, %; left out, that of the class."""
 
-    skin_mm: float | None = Field(None, ge=0.8, le=3.0)
+    skin_mm: float | None = Field(default=None, ge=0.8, le=3.0)
     """Thickness of the skin, mm; left out, drawn by the seed from 1.2 to 2.0, mean 1.45 as in
     breast CT (Huang et al. 2008, Med Phys 35:1199-1206)."""
 
-    nipple_height_mm: float | None = Field(None, ge=2.0, le=12.0)
+    nipple_height_mm: float | None = Field(default=None, ge=2.0, le=12.0)
     """How far the nipple stands out of the areola, mm; left out, drawn by the seed from 4 to 9."""
 
-    nipple_diameter_mm: float | None = Field(None, ge=6.0, le=16.0)
+    nipple_diameter_mm: float | None = Field(default=None, ge=6.0, le=16.0)
     """Diameter of the nipple, mm; left out, drawn by the seed from 8 to 12."""
 
     @property

@@ -47,11 +47,11 @@ class RunConfig(Settings):
     report: ReportSettings = ReportSettings()
     """The HTML page."""
 
-    seed: int = Field(1, ge=0)
+    seed: int = Field(default=1, ge=0)
     """Seed of everything random: the generated breast, lesions, visiting order, noise."""
 
     views: tuple[ViewSettings, ...] = Field(
-        (ViewSettings(view="CC"), ViewSettings(view="MLO")),
+        default=(ViewSettings(view="CC"), ViewSettings(view="MLO")),
         min_length=1,
     )
     """Views to make: names, or mappings with the view's own values."""
