@@ -45,7 +45,7 @@ from mammosim.pipeline import (
     config_of,
     is_finished,
     load_config,
-    locate_lines,
+    locate_in_run,
     make_plan,
 )
 
@@ -239,7 +239,7 @@ def try_run_folder(sound: Sound, rng: random.Random) -> int:
     folder = _fresh("run")
     _write_faulty(folder, sound.run, rng)
     if rng.random() < 0.5:
-        locate_lines(folder, ["CC"], [(rng.uniform(0, 300), rng.uniform(0, 200))])
+        locate_in_run(folder, ["CC"], [(rng.uniform(0, 300), rng.uniform(0, 200))])
         return 0
     if not is_finished(folder, sound.settings):
         kept = RunFolder(folder, sound.settings).stages

@@ -359,7 +359,7 @@ def test_a_scheduler_that_goes_before_it_has_a_worker():
 
 def test_a_scheduler_that_is_not_there(description, tmp_path):
     cohort = load_cohort(description)
-    with pytest.raises(InputError, match=r"--scheduler nonsense://x: no scheduler answers"):
+    with pytest.raises(InputError, match=r"^nonsense://x: no scheduler answers"):
         run_cohort(cohort, tmp_path / "out", scheduler="nonsense://x")
 
 

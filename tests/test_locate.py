@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from make_run import invoke, read_table, save_breast, write
 
+from mammosim.cli.located_lines import located_lines
 from mammosim.errors import InputError
-from mammosim.pipeline import locate_lines, read_views
+from mammosim.pipeline import locate_in_run, read_views
 from mammosim.targets import curve_of, point_at_height, point_from_sights
 
 
@@ -183,12 +184,12 @@ BAD = [
     (["--view", "CC", "--pixel", -3, 10], r"the row is not on the picture, which has 300"),
     (["--view", "CC", "--pixel", 150, 900], r"the column is not on the picture"),
     (["--view", "CC", "--pixel", 150, 10, "--height-mm", 80], r"found 80, which is in air; on th"),
-    (["--view", "ML", "--pixel", 150, 10], r"--view: found 'ML', .* has LCC, LCC_DBT, LMLO"),
-    (["--view", "CC", "--view", "MLO", "--pixel", 1, 1], r"found 2 --view and 1 --pixel"),
+    (["--view", "ML", "--pixel", 150, 10], r"view: found 'ML', .* has LCC, LCC_DBT, LMLO"),
+    (["--view", "CC", "--view", "MLO", "--pixel", 1, 1], r"found 2 views and 1 pixels"),
     (["--view", "CC", "--pixel", 150, 10, "--tube-angle", 90], r"--tube-angle: found 90, expected"),
     (
         ["--view", "CC", "--pixel", 150, 10, "--tube-angle", 5, "--tube-angle", 6],
-        r"found 2 --tube-angle and 1 --view",
+        r"found 2 tube angles and 1 views",
     ),
     (
         ["--view", "CC", "--pixel", 150, 10, "--view", "CC", "--pixel", 150, 10],
@@ -197,7 +198,7 @@ BAD = [
     (
         ["--view", "CC", "--pixel", 150, 10, "--view", "MLO", "--pixel", 150, 10,
          "--height-mm", 5],
-        r"--height-mm goes with one --view",
+        r"a height goes with one view",
     ),
 ]  # fmt: skip
 
@@ -211,8 +212,8 @@ def test_bad_input_gets_a_plain_answer(run, options, message):
 
 
 def test_three_pictures_are_refused(run):
-    with pytest.raises(InputError, match="found 3 --view, expected one or two"):
-        locate_lines(run, ["CC"] * 3, [(1.0, 1.0)] * 3)
+    with pytest.raises(InputError, match="found 3 views, expected one or two"):
+        locate_in_run(run, ["CC"] * 3, [(1.0, 1.0)] * 3)
 
 
 def test_a_folder_that_is_no_run(tmp_path):
@@ -253,7 +254,7 @@ def test_what_did_not_converge_is_said(run, tmp_path):
     file.write_text(json.dumps({**json.loads(file.read_text()), "converged": False}))
     cc = rows_of(run, "CC")["ball"]
     pixel = (float(cc["image_row_px"]), float(cc["image_col_px"]))
-    lines = locate_lines(copy, ["CC"], [pixel])
+    lines = located_lines(locate_in_run(copy, ["CC"], [pixel]))
     assert lines[0] == "note: the compression of CC did not converge"
 
 
@@ -264,5 +265,5 @@ def test_pixels_of_two_things_are_questioned(run):
         for row in (cc["ball"], mlo["nipple"])
     ]
     pixels[1] = (pixels[1][0], pixels[1][1] - 4.0)  # well inside the skin
-    lines = locate_lines(run, ["CC", "MLO"], pixels)
+    lines = located_lines(locate_in_run(run, ["CC", "MLO"], pixels))
     assert "do they show the same thing?" in lines[-1]

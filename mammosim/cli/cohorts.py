@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mammosim.cli.terminal import UNCONVERGED, app, err, exit_status, out, plain
+from mammosim.cli.terminal import UNCONVERGED, app, check_output, err, exit_status, out, plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -51,7 +51,6 @@ def run(
     """Make all patients of a cohort, and one table of all."""
     with exit_status():
         from mammosim.cohort import load_cohort, run_cohort
-        from mammosim.pipeline import check_output
 
         described = load_cohort(description, change or ())
         folder = output or Path("runs") / described.title

@@ -46,10 +46,11 @@ def locate(
     different views, or of one view under two tube angles, the point where they meet.
     """
     with exit_status():
-        from mammosim.pipeline import locate_lines
+        from mammosim.cli.located_lines import located_lines
+        from mammosim.pipeline import locate_in_run
 
         pixels = [_pixel(text) for text in pixel]
-        for line in locate_lines(run, view, pixels, tube_angle, height_mm, step_mm):
+        for line in located_lines(locate_in_run(run, view, pixels, tube_angle, height_mm, step_mm)):
             out.print(plain(line), highlight=False)
 
 

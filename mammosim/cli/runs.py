@@ -13,7 +13,7 @@ import typer
 from rich.table import Table
 
 from mammosim.cli.progress import progress
-from mammosim.cli.terminal import app, exit_status, out, plain
+from mammosim.cli.terminal import app, check_output, exit_status, out, plain
 from mammosim.errors import InputError
 
 if TYPE_CHECKING:
@@ -78,7 +78,6 @@ def run(
     with exit_status():
         from mammosim.pipeline import (
             RunFolder,
-            check_output,
             is_finished,
             load_config,
             simulate,

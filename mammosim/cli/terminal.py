@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -64,3 +65,19 @@ def exit_status() -> Iterator[None]:
 def plain(text: str) -> str:
     """Text that Rich prints as it is."""
     return text.replace("[", r"\[")
+
+
+def check_output(path: Path, resume: bool, overwrite: bool) -> None:
+    """Refuse a folder that holds something, unless it is to be resumed or overwritten.
+
+    Raises
+    ------
+    InputError
+        If the folder is not empty, or is no folder.
+    """
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path}: is not a folder, cannot be a run's output")
+    if path.is_dir() and any(path.iterdir()) and not (resume or overwrite):
+        raise InputError(
+            f"{path}: exists and is not empty; give --resume, --overwrite, or another --output"
+        )

@@ -130,7 +130,7 @@ def remote_client(address: str) -> Iterator[Client]:
         client = Client(address, timeout=CONNECT_S)
     except (OSError, ValueError, TimeoutError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"--scheduler {address}: no scheduler answers ({reason})") from None
+        raise InputError(f"{address}: no scheduler answers ({reason})") from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is said by us
     with client:
         yield client

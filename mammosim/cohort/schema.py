@@ -21,7 +21,7 @@ def cohort_schema() -> dict[str, Any]:
     Returns
     -------
     dict
-        What `mammosim schema --cohort` prints.
+        As plain values.
     """
     run = RunConfig.model_json_schema(mode=MODE)
     own = {model: (model, MODE) for model in (CohortSettings, *KINDS.values())}

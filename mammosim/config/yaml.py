@@ -58,7 +58,7 @@ def read_yaml(path: str | os.PathLike[str]) -> Any:
 
 
 def parse_value(text: str, where: str) -> Any:
-    """Parse one YAML value given as text, as in ``--set key=value``."""
+    """Parse one YAML value given as text."""
     return _parse(text, where)
 
 

@@ -21,20 +21,20 @@ from mammosim.pipeline.configuration import (
 from mammosim.pipeline.folder import (
     STAGES_FOLDER,
     RunFolder,
-    check_output,
     is_being_written,
     is_finished,
     read_record,
     title_of,
     writing,
 )
-from mammosim.pipeline.locate import SavedView, locate_lines, read_views
+from mammosim.pipeline.locate import LocatedInRun, SavedView, locate_in_run, read_views
 from mammosim.pipeline.run import Observe, simulate, simulate_series, simulate_view
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 
 __all__ = [
     "PLANNED_CORES",
     "STAGES_FOLDER",
+    "LocatedInRun",
     "Observe",
     "OnProgress",
     "Plan",
@@ -47,14 +47,13 @@ __all__ = [
     "ViewSettings",
     "apply_change",
     "check_before",
-    "check_output",
     "check_settings",
     "config_of",
     "is_being_written",
     "is_cohort",
     "is_finished",
     "load_config",
-    "locate_lines",
+    "locate_in_run",
     "make_plan",
     "read_record",
     "read_views",

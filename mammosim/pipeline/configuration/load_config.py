@@ -108,13 +108,13 @@ def apply_change(values: dict[str, Any], change: str) -> None:
     name, equals, text = change.partition("=")
     keys = name.strip().split(".")
     if not equals or not all(keys):
-        raise InputError(f"--set: found '{change}', expected section.key=value")
+        raise InputError(f"found '{change}', expected section.key=value")
     block = values
     for key in keys[:-1]:
         below = block.get(key)
         if below is None:
             below = block[key] = {}
         if not isinstance(below, dict):
-            raise InputError(f"--set: '{name}': {key} is not a section")
+            raise InputError(f"'{name}': {key} is not a section")
         block = below
-    block[keys[-1]] = parse_value(text, f"--set {name}")
+    block[keys[-1]] = parse_value(text, name)

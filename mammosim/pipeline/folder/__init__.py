@@ -1,11 +1,6 @@
 """A run's folder: its files, its lock, and the stages kept in it."""
 
-from mammosim.pipeline.folder.earlier_run import (
-    check_output,
-    is_finished,
-    read_record,
-    title_of,
-)
+from mammosim.pipeline.folder.earlier_run import is_finished, read_record, title_of
 from mammosim.pipeline.folder.lock import is_being_written, writing
 from mammosim.pipeline.folder.run_folder import RunFolder
 from mammosim.pipeline.folder.stage_cache import STAGES_FOLDER, StageCache
@@ -14,7 +9,6 @@ __all__ = [
     "STAGES_FOLDER",
     "RunFolder",
     "StageCache",
-    "check_output",
     "is_being_written",
     "is_finished",
     "read_record",

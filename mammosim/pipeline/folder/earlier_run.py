@@ -13,22 +13,6 @@ from mammosim.pipeline.folder.run_identity import InputHashes, hash_of
 from mammosim.report import NOT_HASHED, file_hash
 
 
-def check_output(path: Path, resume: bool, overwrite: bool) -> None:
-    """Refuse a folder that holds something, unless it is to be resumed or overwritten.
-
-    Raises
-    ------
-    InputError
-        If the folder is not empty, or is no folder.
-    """
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path}: is not a folder, cannot be a run's output")
-    if path.is_dir() and any(path.iterdir()) and not (resume or overwrite):
-        raise InputError(
-            f"{path}: exists and is not empty; give --resume, --overwrite, or another --output"
-        )
-
-
 def is_finished(path: Path, config: RunConfig) -> bool:
     """Whether the folder holds the finished run of this very configuration, all files unharmed."""
     record = read_record(path)

@@ -1,6 +1,6 @@
 """From pixels of a finished run back to the uncompressed breast."""
 
-from mammosim.pipeline.locate.located_lines import locate_lines
+from mammosim.pipeline.locate.in_run import LocatedInRun, locate_in_run
 from mammosim.pipeline.locate.saved_views import SavedView, read_views
 
-__all__ = ["SavedView", "locate_lines", "read_views"]
+__all__ = ["LocatedInRun", "SavedView", "locate_in_run", "read_views"]

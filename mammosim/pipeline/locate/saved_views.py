@@ -78,7 +78,7 @@ def read_views(run: str | PathLike[str], names: Sequence[str]) -> dict[str, Save
     for name in names:
         of_name = [folder for folder in found if name in (folder, folder[1:])]
         if not of_name:
-            raise InputError(f"--view: found '{name}', {run} has {', '.join(found)}")
+            raise InputError(f"view: found '{name}', {run} has {', '.join(found)}")
         folders[name] = run / of_name[0]
     views = {folder: _read_view(folder) for folder in dict.fromkeys(folders.values())}
     return {name: views[folder] for name, folder in folders.items()}
