@@ -70,7 +70,7 @@ SMALL = {
         {"name": "mass", "kind": "mass", "diameter_mm": 14, "position_mm": [35, -10, 0]}]},
     "compression": {"model": "hyperelastic", "resolution_mm": 6, "thickness_mm": 50},
     "projection": {"pixel_mm": 0.5},
-    "targets": {"biopsy": {"view": "none"}, "uncertainty": {"samples": 10}},
+    "targets": {"biopsy": {"view": "none"}},
     "views": ["CC", {"view": "MLO", "model": "springs", "solver": "relaxation"},
               {"dbt": {"view": "ML", "projections": 3}}],
 }  # fmt: skip

@@ -15,7 +15,7 @@ from mammosim.projection import PathLengths
 from mammosim.targets import ShiftAnswers, Target
 
 OnProgress = Callable[[str, str, np.void | None], None]
-"""Told of progress: view folder or '', stage, and a row of the solver's history or None."""
+"""Called with a view's folder or '', a stage, and a row of the solver's history or None."""
 
 
 @dataclass(frozen=True, eq=False)

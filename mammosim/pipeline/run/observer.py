@@ -1,4 +1,4 @@
-"""What a run does around its stages: it times, keeps, writes, and tells of progress."""
+"""What a run does around its stages: it times, keeps, writes, and reports progress."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def unobserved(stage: Callable[Arguments, Result], /) -> Callable[Arguments, Res
 class RunObserver:
     """Observes the stages of one run.
 
-    Every stage is timed and told of. The phantom and the compressions are taken from the run's
+    Every stage is timed and reported. The phantom and the compressions are taken from the run's
     folder where it keeps them, and kept there. A compression, a view and the whole study are
     written as soon as they are there. A compression that did not converge is noted, and the run
     goes on with what it reached.
@@ -66,8 +66,8 @@ class RunObserver:
 
     Attributes
     ----------
-    tell : callable
-        Told of progress.
+    on_progress : callable
+        Called with each stage, and with rows of the solver's history.
     unfinished : list of NotConverged
         Compressions that did not converge.
     """
@@ -76,11 +76,11 @@ class RunObserver:
         self, config: RunConfig, output: RunFolder | None, on_progress: OnProgress | None
     ) -> None:
         self._config, self._output = config, output
-        self.tell: OnProgress = on_progress or (lambda view, stage, row: None)
+        self.on_progress: OnProgress = on_progress or (lambda view, stage, row: None)
         self.unfinished: list[NotConverged] = []
         self._views: dict[str, ViewResult] = {}
         self._seconds: dict[str, float] = defaultdict(float)
-        self._told = ("", "")
+        self._reported = ("", "")
 
     @property
     def views(self) -> Mapping[str, ViewResult]:
@@ -143,7 +143,7 @@ class RunObserver:
         view: View, settings: CompressionSettings, *, seed: int,
     ) -> CompressedBreast:  # fmt: skip
         """The compressed breast, as it was kept or made now, written before anything can fail."""
-        watch = partial(self.tell, folder, "compression")
+        watch = partial(self.on_progress, folder, "compression")
         make = partial(compress, breast, view, settings, seed=seed, watch=watch)
         try:
             with self._timing(folder, "compression"):
@@ -171,10 +171,10 @@ class RunObserver:
 
     @contextmanager
     def _timing(self, folder: str, stage: str) -> Iterator[None]:
-        """Tell of a stage, once for all its functions, and add its time."""
-        if self._told != (folder, stage):
-            self._told = (folder, stage)
-            self.tell(folder, stage, None)
+        """Report a stage, once for all its functions, and add its time."""
+        if self._reported != (folder, stage):
+            self._reported = (folder, stage)
+            self.on_progress(folder, stage, None)
         start = time.perf_counter()
         try:
             yield

@@ -45,7 +45,10 @@ class _Position:
 
 
 def shift_answers(
-    breast: BreastPhantom, views: Mapping[str, ViewResult], config: RunConfig, tell: OnProgress
+    breast: BreastPhantom,
+    views: Mapping[str, ViewResult],
+    config: RunConfig,
+    on_progress: OnProgress,
 ) -> ShiftAnswers:
     """Answer what the configuration asks about the targets of a run's views.
 
@@ -55,8 +58,8 @@ def shift_answers(
     views : mapping of str to ViewResult
         By folder, in the order of the configuration's views; what was not reached is left out.
     config : RunConfig
-    tell : callable
-        Told of progress.
+    on_progress : callable
+        Called with each stage, and with rows of the solver's history.
     """
     seen = {folder: result for folder, result in views.items() if result.targets}
     settings = {view.position(breast.laterality).folder: view for view in config.resolved_views}
@@ -67,7 +70,7 @@ def shift_answers(
     positions: dict[str, _Position] = {}
     biopsy: list[BiopsyResult] = []
     if config.targets.biopsy is not None:
-        tell("", "biopsy", None)
+        on_progress("", "biopsy", None)
         positions, not_held = _biopsy_positions(breast, seen, settings, config.seed)
         notes += not_held
         for folder, position in positions.items():
@@ -79,7 +82,7 @@ def shift_answers(
             folder: _Position(result.squeezed, settings[folder].compression)
             for folder, result in seen.items()
         }
-        spread, lost = _spread(origins, at_mammogram, positions, config, tell)
+        spread, lost = _spread(origins, at_mammogram, positions, config, on_progress)
         notes += lost
     return ShiftAnswers(_rules(seen), tuple(biopsy), tuple(spread), tuple(notes))
 
@@ -155,7 +158,7 @@ def _spread(
     at_mammogram: Mapping[str, _Position],
     at_biopsy: Mapping[str, _Position],
     config: RunConfig,
-    tell: OnProgress,
+    on_progress: OnProgress,
 ) -> tuple[list[ShiftUncertainty], list[str]]:
     """Draw samples of every view, and of its biopsy position with the same tissue.
 
@@ -166,16 +169,16 @@ def _spread(
     done: dict[int, NDArray[np.float64]] = {}
     notes: list[str] = []
     for folder, position in at_mammogram.items():
-        tell(folder, "uncertainty", None)
-        label, told = position.squeezed.view.label, partial(tell, folder)
-        shifts[label], lost = _sampled(origins, position, folder, config, told)
+        on_progress(folder, "uncertainty", None)
+        label, watch = position.squeezed.view.label, partial(on_progress, folder)
+        shifts[label], lost = _sampled(origins, position, folder, config, watch)
         notes += lost
         if folder in at_biopsy:
             held = at_biopsy[folder]
             key = id(held.squeezed)
             if key not in done:
                 what = f"biopsy {held.squeezed.view.folder}"
-                done[key], lost = _sampled(origins, held, what, config, told)
+                done[key], lost = _sampled(origins, held, what, config, watch)
                 notes += lost
             biopsy_shifts[label] = done[key]
     return uncertainties(origins, shifts, biopsy_shifts if at_biopsy else None), notes

@@ -71,7 +71,9 @@ def simulate(
             observe = observer.of_view(view.position(breast.laterality).folder)
             simulate_one = simulate_series if view.tomosynthesis else simulate_view
             observer.keep(simulate_one(breast, view, config.seed, observe))
-        answers = observer.of_run(shift_answers)(breast, observer.views, config, observer.tell)
+        answers = observer.of_run(shift_answers)(
+            breast, observer.views, config, observer.on_progress
+        )
     except (Interrupted, KeyboardInterrupt) as stop:
         study = observer.finish(Study(breast, observer.views), "interrupted")
         raise Interrupted(str(stop) or "the run was interrupted", study) from None
@@ -96,6 +98,17 @@ def simulate_view(
         The run's.
     observe : callable, optional
         Given each stage, returns what is called in its place: the same stage, observed.
+
+    Returns
+    -------
+    ViewResult
+
+    Raises
+    ------
+    InputError
+        If something does not fit, as a detector that is too small.
+    NotConverged, Interrupted
+        From `compress`, where no observer goes on with what was reached.
     """
     position = view.position(breast.laterality)
     compressed = observe(compress)(breast, position, view.compression, seed=seed)
