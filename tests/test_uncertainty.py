@@ -306,7 +306,8 @@ def test_lattices_off_their_place_hold_the_same_breast(sampler):
 def test_a_sample_that_is_interrupted_ends_all(springs, monkeypatch):
     varied, squeezed = springs
     stopped = dataclasses.replace(squeezed, interrupted=True)
-    monkeypatch.setitem(MODELS, "springs", lambda *arguments, **keys: stopped)
+    stopping = dataclasses.replace(MODELS["springs"], compress=lambda *given, **keys: stopped)
+    monkeypatch.setitem(MODELS, "springs", stopping)
     with pytest.raises(Interrupted, match="LCC: a sample was interrupted"):
         varied.field(Sample({}))
 

@@ -112,7 +112,10 @@ def _limits(field: Any) -> str:
         for key, word in words.items()
         if isinstance(getattr(rule, key, None), int | float)
     ]
-    choices = getattr(field.annotation, "__args__", ())
+    schema: dict[str, Any] = {}
+    if callable(field.json_schema_extra):
+        field.json_schema_extra(schema)
+    choices = schema.get("enum") or getattr(field.annotation, "__args__", ())
     if choices and all(isinstance(choice, str) for choice in choices):
         said.append("one of " + ", ".join(f"`{choice}`" for choice in choices))
     return f" *{', '.join(said)}*" if said else ""

@@ -1,11 +1,12 @@
 """Compression of the breast between paddle and support."""
 
 from mammosim.compression.breast import CompressedBreast
-from mammosim.compression.compress import MODELS, compress
+from mammosim.compression.compress import compress
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.inverse import InverseMap
 from mammosim.compression.keys import CompressionKeys
 from mammosim.compression.lattice import breast_volume_ml
+from mammosim.compression.model import MODELS, MechanicalModel, compressing_models
 from mammosim.compression.plates import held_tissue, plate_edge_mm, population_thickness_mm
 from mammosim.compression.samples import Sample, Sampler
 from mammosim.compression.settings import CompressionSettings
@@ -17,10 +18,12 @@ __all__ = [
     "CompressionSettings",
     "DisplacementField",
     "InverseMap",
+    "MechanicalModel",
     "Sample",
     "Sampler",
     "breast_volume_ml",
     "compress",
+    "compressing_models",
     "held_tissue",
     "plate_edge_mm",
     "population_thickness_mm",

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.inverse import InverseMap
+from mammosim.compression.model import MODELS
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
 
@@ -60,6 +61,11 @@ class CompressedBreast:
     notes: tuple[str, ...] = ()
     interrupted: bool = False
     modulus_kpa: NDArray[np.float32] | None = None
+
+    @property
+    def is_compressed(self) -> bool:
+        """Whether its model moves tissue, or left the breast as it was."""
+        return MODELS[self.model].compresses
 
     @property
     def thickness_mm(self) -> float:

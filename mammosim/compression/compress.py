@@ -9,22 +9,18 @@ import numpy as np
 
 from mammosim._jit import one_blas_thread
 from mammosim.compression.breast import CompressedBreast
-from mammosim.compression.hyperelastic_model import compress_hyperelastic
+from mammosim.compression.hyperelastic_model import HYPERELASTIC
 from mammosim.compression.keys import CompressionKeys
+from mammosim.compression.model import MODELS
 from mammosim.compression.settings import CompressionSettings
-from mammosim.compression.spring_model import compress_springs
-from mammosim.compression.uncompressed import leave_uncompressed
+from mammosim.compression.spring_model import SPRINGS
+from mammosim.compression.uncompressed import UNCOMPRESSED
 from mammosim.config import documents_keys, given_settings
 from mammosim.errors import Interrupted, NotConverged
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, as_held
 
-MODELS: dict[str, Callable[..., CompressedBreast]] = {
-    "springs": compress_springs,
-    "hyperelastic": compress_hyperelastic,
-    "none": leave_uncompressed,
-}
-"""Mechanical models by the name a configuration gives them."""
+MODELS.update(springs=SPRINGS, hyperelastic=HYPERELASTIC, none=UNCOMPRESSED)
 
 
 @one_blas_thread
@@ -72,24 +68,11 @@ def compress(
     if isinstance(view, str):
         view = View(view, breast.laterality, settings.mlo_angle_deg)
     held = as_held(breast, view.rotation[1])
-    squeezed = MODELS[settings.model](held, view, settings, seed, watch)
+    model = MODELS[settings.model]
+    squeezed: CompressedBreast = model.compress(held, view, settings, seed, watch)
     if squeezed.interrupted:
         raise Interrupted(f"{view.folder}: compression was interrupted", squeezed)
     if not squeezed.converged:
-        raise NotConverged(f"{view.folder}: {_where_it_stopped(squeezed, settings)}", squeezed)
+        reason = model.where_it_stopped(squeezed, settings)
+        raise NotConverged(f"{view.folder}: {reason}", squeezed)
     return squeezed
-
-
-def _where_it_stopped(squeezed: CompressedBreast, settings: CompressionSettings) -> str:
-    """How far a solver came, in its own terms."""
-    measures, iterations = squeezed.measures, squeezed.history.size
-    if squeezed.model == "hyperelastic":
-        return (
-            f"hyperelastic stopped at an out-of-balance force of {measures['out_of_balance']:.3g} "
-            f"(allowed {settings.force_tolerance:g}), smallest J {measures['smallest_j']:.3g}, "
-            f"after {iterations} steps; " + (squeezed.notes[-1] if squeezed.notes else "")
-        )
-    return (
-        f"{settings.solver} stopped at an estimated error of {measures['error_voxel']:.3g} "
-        f"lattice units after {iterations} iterations"
-    )

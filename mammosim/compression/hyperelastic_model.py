@@ -19,6 +19,7 @@ from mammosim.compression.hyperelastic.measures import (
 from mammosim.compression.hyperelastic.mesh import WALL, build_mesh
 from mammosim.compression.hyperelastic.newton import State
 from mammosim.compression.hyperelastic.stages import HISTORY, Stages
+from mammosim.compression.model import MechanicalModel
 from mammosim.compression.plates import Plates, held_tissue, place_plates, plate_edge_mm
 from mammosim.compression.settings import CompressionSettings
 from mammosim.geometry import View
@@ -29,6 +30,14 @@ AIR_LAYERS = 3
 
 WIDEST_STEP = 0.1
 """Part of the gap by which plates may move in one go from a state that is known."""
+
+BYTES_PER_NODE = 1300.0
+"""Of the lattice's box: displacement and force in double precision; a block stencil holds 126
+numbers a node."""
+
+SECONDS_PER_COMPRESSION, SECONDS_PER_NODE = 6.0, 8e-5
+"""On two cores: bodies of some ten thousand elements take as many Newton steps as large ones, and
+threads hardly share them (measured with benchmarks/biopsy_shift.py --samples)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,3 +150,26 @@ def _result(
         plates.edge_mm, state.converged and whole, measures, np.array(stages.rows, HISTORY), notes,
         state.interrupted, mesh.elements.modulus,
     )  # fmt: skip
+
+
+def _where_it_stopped(compressed: CompressedBreast, settings: CompressionSettings) -> str:
+    measures = compressed.measures
+    return (
+        f"hyperelastic stopped at an out-of-balance force of {measures['out_of_balance']:.3g} "
+        f"(allowed {settings.force_tolerance:g}), smallest J {measures['smallest_j']:.3g}, "
+        f"after {compressed.history.size} steps; "
+        + (compressed.notes[-1] if compressed.notes else "")
+    )
+
+
+def _seconds(settings: CompressionSettings, nodes: float) -> float:
+    return SECONDS_PER_COMPRESSION + nodes * SECONDS_PER_NODE
+
+
+HYPERELASTIC = MechanicalModel(
+    compress_hyperelastic,
+    method=lambda settings: "hyperelastic",
+    where_it_stopped=_where_it_stopped,
+    bytes_per_node=BYTES_PER_NODE,
+    seconds=_seconds,
+)

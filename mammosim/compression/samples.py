@@ -9,17 +9,13 @@ import numpy as np
 
 from mammosim._jit import one_blas_thread
 from mammosim.compression.breast import CompressedBreast
-from mammosim.compression.compress import MODELS
 from mammosim.compression.displacement import DisplacementField
+from mammosim.compression.model import MODELS
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.thesis_units import in_millimetres
 from mammosim.errors import Interrupted
 from mammosim.phantom import BreastPhantom
 from mammosim.tissues import TISSUES
-
-SPRING_TOLERANCE = 0.01
-"""Of a sample's equilibrium by springs, lattice units: a hundredth of what samples of a 1 mm
-lattice differ by."""
 
 LATTICE_SHIFTS = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
 """Parts of the spacing along y and z by which the lattices lie off their usual place."""
@@ -80,8 +76,8 @@ class Sampler:
     squeezed : CompressedBreast
         The compression that is varied; its plates are where they were found to be.
     settings : CompressionSettings
-        That it was made with; springs are solved by `multigrid` to `SPRING_TOLERANCE`, whatever
-        they say.
+        That it was made with, but for what the model has for samples (`sample_keys`): springs are
+        solved by `multigrid`.
 
     Attributes
     ----------
@@ -120,7 +116,7 @@ class Sampler:
             If the user stopped it.
         """
         shift = LATTICE_SHIFTS[sample.lattice % len(LATTICE_SHIFTS)]
-        found = MODELS[self._model](
+        found = MODELS[self._model].compress(
             self._breast, self._view, self._varied(sample), watch=watch, lattice_shift=shift
         )
         if found.interrupted:
@@ -150,8 +146,7 @@ class Sampler:
             "paddle_z_mm": middle + 0.5 * gap,
             "plate_edge_mm": self._edge_mm + sample.edge_mm,
             "stiffness_kpa": moduli,
-            "solver": "multigrid",
-            "tolerance_voxel": SPRING_TOLERANCE,
+            **MODELS[self._model].sample_keys,
         }
         return self._settings.model_copy(update=changes)
 

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from mammosim.compression.model import MODELS, compressing_models
 from mammosim.config import Settings
 from mammosim.tissues import STIFFNESS_SETS, TISSUES, Moduli
 
-SPRINGS_ONLY = ("spring_law", "gravity", "chest_wall_mm", "plates_voxel")
-"""Keys that other models do not know."""
+
+def _known_model(value: Any) -> Any:
+    if not isinstance(value, str) or value not in MODELS:
+        *others, last = map(repr, MODELS)
+        raise ValueError(f"expected {', '.join(others)} or {last}")
+    return value
+
+
+def _with_names(schema: dict[str, Any]) -> None:
+    schema["enum"] = list(MODELS)
 
 
 class PlatesInVoxels(Settings):
@@ -47,7 +56,9 @@ class PlatesInVoxels(Settings):
 class CompressionSettings(Settings):
     """How the breast is compressed."""
 
-    model: Literal["springs", "hyperelastic", "none"] = "springs"
+    model: Annotated[str, BeforeValidator(_known_model)] = Field(
+        default="springs", json_schema_extra=_with_names
+    )
     """Mechanical model: `springs`, the thesis' and the fastest; `hyperelastic`, finite elements
     that keep their volume; `none` leaves the breast as it is (or as it was compressed before)."""
 
@@ -147,9 +158,10 @@ class CompressionSettings(Settings):
         return Moduli(self.stiffness, self.stiffness_kpa)
 
     @model_validator(mode="after")
-    def _springs_do_not_slide(self) -> Self:
-        if self.chest_wall == "sliding" and self.model == "springs":
-            raise ValueError("chest_wall: sliding needs model: hyperelastic")
+    def _wall_that_the_model_knows(self) -> Self:
+        if self.chest_wall not in MODELS[self.model].chest_walls:
+            able = " or ".join(compressing_models(self.chest_wall))
+            raise ValueError(f"chest_wall: {self.chest_wall} needs model: {able}")
         return self
 
     @model_validator(mode="after")
@@ -176,8 +188,15 @@ class CompressionSettings(Settings):
         return self
 
     @model_validator(mode="after")
-    def _springs_own_keys(self) -> Self:
-        given = [key for key in SPRINGS_ONLY if getattr(self, key) not in (None, False, "linear")]
-        if given and self.model != "springs":
-            raise ValueError(f"{', '.join(given)}: only the model springs knows that")
+    def _keys_that_the_model_knows(self) -> Self:
+        usual = type(self).model_fields
+        for name, model in MODELS.items():
+            foreign = set(model.own_keys) - set(MODELS[self.model].own_keys)
+            given = [
+                key
+                for key in model.own_keys
+                if key in foreign and getattr(self, key) != usual[key].default
+            ]
+            if given:
+                raise ValueError(f"{', '.join(given)}: only the model {name} knows that")
         return self

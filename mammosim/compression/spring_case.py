@@ -54,6 +54,11 @@ class SpringCase:
 
     def problem(self, plates: Plates) -> SpringProblem:
         """The spring problem in lattice units."""
+        if plates.paddle != "straight":
+            raise InputError(
+                f"the model springs knows straight plates only, found the paddle {plates.paddle}; "
+                "use the model hyperelastic"
+            )
         frame = self.lattice.frame
         heights = np.array([[0.0, 0.0, plates.support_z_mm], [0.0, 0.0, plates.paddle_z_mm]])
         lower, upper = frame.index(heights)[:, 2]

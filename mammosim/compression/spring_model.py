@@ -10,6 +10,7 @@ from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.continuation import continued
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.force_control import reach_force
+from mammosim.compression.model import MechanicalModel
 from mammosim.compression.plates import Plates, held_tissue, place_plates, plate_edge_mm
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.spring_case import SpringCase, make_case
@@ -23,6 +24,16 @@ Watch = Callable[[np.void], None]
 
 AIR_LAYERS = 3
 """Of lattice nodes around the tissue that move with it."""
+
+BYTES_PER_NODE = 150.0
+"""Of the lattice's box: displacement and force in double, multigrid in single precision."""
+
+SECONDS_PER_NODE = {"multigrid": 6e-6, "relaxation": 2e-3}
+"""Of one compression on two cores (measured with benchmarks/pipeline.py)."""
+
+SAMPLE_TOLERANCE = 0.01
+"""Of a sample's equilibrium, lattice units: a hundredth of what samples of a 1 mm lattice differ
+by."""
 
 
 def _by_multigrid(
@@ -131,3 +142,24 @@ def displacement_field(view: View, case: SpringCase, state: SpringState) -> Disp
         lattice.frame, np.ascontiguousarray(np.moveaxis(moved, 0, -1)), lattice.tissue,
         view.rotation,
     )  # fmt: skip
+
+
+def _where_it_stopped(compressed: CompressedBreast, settings: CompressionSettings) -> str:
+    return (
+        f"{settings.solver} stopped at an estimated error of "
+        f"{compressed.measures['error_voxel']:.3g} lattice units after "
+        f"{compressed.history.size} iterations"
+    )
+
+
+SPRINGS = MechanicalModel(
+    compress_springs,
+    method=lambda settings: f"springs, {settings.solver}",
+    where_it_stopped=_where_it_stopped,
+    own_keys=("spring_law", "gravity", "chest_wall_mm", "plates_voxel"),
+    chest_walls=("fixed",),
+    bytes_per_node=BYTES_PER_NODE,
+    seconds=lambda settings, nodes: nodes * SECONDS_PER_NODE[settings.solver],
+    sample_keys={"solver": "multigrid", "tolerance_voxel": SAMPLE_TOLERANCE},
+    references=("springs",),
+)

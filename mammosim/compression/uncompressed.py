@@ -9,6 +9,7 @@ import numpy as np
 from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.lattice import bounds_mm, tissue_front
+from mammosim.compression.model import MechanicalModel
 from mammosim.compression.plates import plate_edge_mm
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
@@ -45,3 +46,11 @@ def leave_uncompressed(
         breast, view, "none", field, float(support), float(paddle), edge, True,
         {"force_n": 0.0, "error_voxel": 0.0}, history,
     )  # fmt: skip
+
+
+UNCOMPRESSED = MechanicalModel(
+    leave_uncompressed,
+    method=lambda settings: "left uncompressed",
+    where_it_stopped=lambda compressed, settings: "nothing was computed",
+    compresses=False,
+)

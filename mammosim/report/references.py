@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mammosim.compression import MODELS
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -167,12 +169,13 @@ def references_used(settings: Mapping[str, Any]) -> list[Reference]:
     phantom, compression, acquisition, export = (
         settings.get(name) or {} for name in ("phantom", "compression", "acquisition", "export")
     )
+    model = MODELS[compression.get("model", "springs")]
     stiffness = compression.get("stiffness", "thesis")
     targets, report = (settings.get(name) or {} for name in ("targets", "report"))
     varied = targets.get("uncertainty") is not None
     used = {
-        "springs": compression.get("model", "springs") == "springs",
-        "wellman": compression.get("model", "springs") != "none" and stiffness == "thesis",
+        **{key: key in model.references for one in MODELS.values() for key in one.references},
+        "wellman": model.compresses and stiffness == "thesis",
         "victre": "victre" in (phantom.get("labels"), stiffness),
         "spekpy": acquisition.get("spectrum_file") is None,
         "hammerstein": acquisition.get("composition", "hammerstein") == "hammerstein",

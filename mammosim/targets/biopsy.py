@@ -122,19 +122,19 @@ def needle_direction(
     squeezed: CompressedBreast, biopsy: CompressedBreast, needle: str
 ) -> NDArray[np.float64]:
     """(3,) unit vector along which the needle goes in, breast frame."""
-    held = squeezed if biopsy.model == "none" else biopsy
+    held = biopsy if biopsy.is_compressed else squeezed
     _, along_wall, normal = held.view.rotation
     return along_wall if needle == "lateral" else -normal
 
 
 def biopsy_name(biopsy: CompressedBreast) -> str:
     """How the breast is held: the view, or `none`."""
-    return "none" if biopsy.model == "none" else biopsy.view.name
+    return biopsy.view.name if biopsy.is_compressed else "none"
 
 
 def biopsy_thickness_mm(biopsy: CompressedBreast) -> float:
     """Gap between the plates; NaN where there are none."""
-    return math.nan if biopsy.model == "none" else biopsy.thickness_mm
+    return biopsy.thickness_mm if biopsy.is_compressed else math.nan
 
 
 def _vector(stem: str, vector: NDArray[np.float64]) -> dict[str, Any]:

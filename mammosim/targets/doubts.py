@@ -29,7 +29,7 @@ def target_doubts(
         what = f"{squeezed.view.folder}: {target.kind} '{target.name}'"
         if target.kind == "nipple":
             what = f"{squeezed.view.folder}: the nipple"
-        if squeezed.model != "none" and not _beside_lattice(squeezed, origin):
+        if squeezed.is_compressed and not _beside_lattice(squeezed, origin):
             notes.append(
                 f"{what} is not in the mechanical lattice (its tissue does not reach the chest "
                 "wall, or is finer than the lattice); its shift is that of the nearest nodes"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,6 +95,10 @@ class Plates:
             for shape, z_mm, side in parts
         )
         return paddle, support
+
+    def shaped(self, paddle: str) -> Plates:
+        """The same places with another shape of the paddle."""
+        return replace(self, paddle=paddle)
 
     def closing_to(self, end: Plates, part: float) -> Plates:
         """Plates that have gone the part 0 to 1 of their way to `end`, at one speed each."""

@@ -8,7 +8,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from mammosim.acquisition import AcquisitionSettings
-from mammosim.compression import CompressionSettings
+from mammosim.compression import MODELS, CompressionSettings, compressing_models
 from mammosim.config import Settings, to_settings
 from mammosim.errors import InputError
 from mammosim.export import ExportSettings
@@ -146,10 +146,10 @@ class RunConfig(Settings):
             if position is not None:
                 held["biopsy"] = position.compression
         return [
-            f"targets.uncertainty: {name} has compression.model none; only springs and "
-            "hyperelastic can be varied"
+            f"targets.uncertainty: {name} has compression.model {settings.model}; only "
+            f"{' and '.join(compressing_models())} can be varied"
             for name, settings in held.items()
-            if settings.model == "none"
+            if not MODELS[settings.model].compresses
         ]
 
     def plain(self) -> dict[str, Any]:

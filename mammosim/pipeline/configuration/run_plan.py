@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mammosim.compression import CompressionSettings
+from mammosim.compression import MODELS, CompressionSettings
 from mammosim.phantom import PhantomSettings, expected_voxels
 from mammosim.pipeline.configuration.run_config import RunConfig
 
@@ -14,10 +14,6 @@ PLANNED_CORES = 2
 
 BYTES_A_VOXEL = 1.3
 """Fine labels: one byte, and what reading or generating them needs beside it."""
-
-BYTES_A_NODE = {"springs": 150.0, "hyperelastic": 1300.0}
-"""Of the lattice's box: displacement and force in double, multigrid in single precision; a block
-stencil holds 126 numbers a node."""
 
 BYTES_A_PIXEL = 130.0
 """Path lengths of about eight tissues, twice in single precision, and the exposure's images."""
@@ -32,11 +28,6 @@ COMPILER_BYTES = 8e8
 """Numba and LLVM while they compile the kernels, in the first run after an installation."""
 
 SECONDS_A_VOXEL = {"file": 4e-8, "generate": 4e-7}
-SECONDS_A_NODE = {"multigrid": 6e-6, "relaxation": 2e-3, "hyperelastic": 8e-5}
-SECONDS_A_COMPRESSION = {"hyperelastic": 6.0}
-"""Beside those a node: bodies of some ten thousand elements take as many Newton steps as large
-ones, and threads hardly share them (measured with benchmarks/biopsy_shift.py --samples)."""
-
 SECONDS_A_PIXEL = 2.5e-6
 
 
@@ -63,13 +54,13 @@ def make_plan(config: RunConfig) -> Plan:
     for view in config.resolved_views:
         compression, projection, sweep = view.compression, view.projection, view.tomosynthesis
         nodes = lattice_bytes = 0.0
-        if compression.model != "none":
+        model = MODELS[compression.model]
+        if model.compresses:
             nodes = voxels * voxel_volume_mm3 / compression.resolution_mm**3
-            lattice_bytes = nodes * BYTES_A_NODE[compression.model]
-            springs = compression.model == "springs"
-            seconds += _seconds(compression.solver if springs else "hyperelastic", nodes)
-            again = "multigrid" if springs else "hyperelastic"
-            seconds += _seconds(again, nodes) * _more_compressions(config)
+            lattice_bytes = nodes * model.bytes_per_node
+            seconds += model.seconds(compression, nodes)
+            again = compression.model_copy(update=dict(model.sample_keys))
+            seconds += model.seconds(again, nodes) * _more_compressions(config)
         height, width = projection.detector_mm or (240.0, 180.0)
         pixels = height * width / projection.pixel_mm**2
         count = sweep.projections if sweep else 1
@@ -83,11 +74,6 @@ def make_plan(config: RunConfig) -> Plan:
     lines += _target_lines(config)
     memory = BASE_BYTES + COMPILER_BYTES + voxels * BYTES_A_VOXEL + largest * len(config.views)
     return Plan(tuple(lines), memory / 1e9, seconds / 60.0)
-
-
-def _seconds(method: str, nodes: float) -> float:
-    """Of one compression."""
-    return SECONDS_A_COMPRESSION.get(method, 0.0) + nodes * SECONDS_A_NODE[method]
 
 
 def _more_compressions(config: RunConfig) -> int:
@@ -118,8 +104,9 @@ def _source(phantom: PhantomSettings, voxels: int) -> str:
 def _view_line(
     name: str, compression: CompressionSettings, pixel_mm: float, nodes: float, pixels: float
 ) -> str:
-    if compression.model == "none":
-        how = "left uncompressed"
+    model = MODELS[compression.model]
+    if not model.compresses:
+        how = model.method(compression)
     else:
         if compression.thickness_mm is not None:
             goal = f"to {compression.thickness_mm:g} mm"
@@ -129,10 +116,6 @@ def _view_line(
             goal = f"to {compression.paddle_z_mm - compression.support_z_mm:g} mm"
         else:
             goal = "to the thickness of the population fit"
-        how = f"compressed {goal} ({_method(compression)}, at most {nodes / 1e6:.2f} million nodes)"
+        method = model.method(compression)
+        how = f"compressed {goal} ({method}, at most {nodes / 1e6:.2f} million nodes)"
     return f"{name}: {how}; projected onto {pixels / 1e6:.1f} million pixels of {pixel_mm:g} mm"
-
-
-def _method(compression: CompressionSettings) -> str:
-    springs = compression.model == "springs"
-    return f"springs, {compression.solver}" if springs else compression.model

@@ -193,7 +193,7 @@ def _sampled(
 ) -> tuple[NDArray[np.float64], list[str]]:
     """Shift of each target in each sample of one position, [sample, target, 3], mm; and notes."""
     settings = config.targets.uncertainty or UncertaintySettings()
-    if held.squeezed.model == "none":  # nothing is held, nothing varies
+    if not held.squeezed.is_compressed:  # nothing is held, nothing varies
         return np.zeros((settings.samples, len(origins), 3)), []
     sampler = Sampler(held.squeezed, held.settings)
     samples = draw_samples(settings, sampler.groups, what, config.seed)

@@ -1,0 +1,64 @@
+"""What a mechanical model is, and the table of models."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class MechanicalModel:
+    """All that the rest of the program asks about a mechanical model.
+
+    Parameters
+    ----------
+    compress : callable
+        ``compress(breast, view, settings, seed, watch, lattice_shift)`` gives a `CompressedBreast`;
+        its `converged` and `interrupted` say how the solver ended.
+    method : callable
+        ``method(settings)``: model and solver in a few words, for the plan of a run.
+    where_it_stopped : callable
+        ``where_it_stopped(compressed, settings)``: how far a solver came that has not converged.
+    own_keys : tuple of str
+        Keys of `CompressionSettings` that other models do not know.
+    chest_walls : tuple of str
+        Values of the key `chest_wall` that it knows.
+    compresses : bool
+        Whether tissue is moved, so that plates press and the compression can be varied.
+    bytes_per_node : float
+        Memory, of the box around the lattice.
+    seconds : callable
+        ``seconds(settings, nodes)``: rough duration of one compression on two cores.
+    sample_keys : mapping
+        Settings of the samples of the uncertainty, in place of the user's.
+    references : tuple of str
+        Keys of `report.references` that a run with it cites.
+    """
+
+    compress: Callable[..., Any]
+    method: Callable[[Any], str]
+    where_it_stopped: Callable[[Any, Any], str]
+    own_keys: tuple[str, ...] = ()
+    chest_walls: tuple[str, ...] = ("fixed", "sliding")
+    compresses: bool = True
+    bytes_per_node: float = 0.0
+    seconds: Callable[[Any, float], float] = lambda settings, nodes: 0.0
+    sample_keys: Mapping[str, Any] = field(default_factory=dict)
+    references: tuple[str, ...] = ()
+
+
+MODELS: dict[str, MechanicalModel] = {}
+"""Mechanical models by the name a configuration gives them; `compress` enters those there are.
+
+It stands below the settings, which look a model's name up in it, and above nothing.
+"""
+
+
+def compressing_models(chest_wall: str = "fixed") -> list[str]:
+    """Names of the models that move tissue and know a way to hold the chest wall."""
+    return [
+        name
+        for name, model in MODELS.items()
+        if model.compresses and chest_wall in model.chest_walls
+    ]
