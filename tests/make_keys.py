@@ -165,12 +165,21 @@ def _dict(name: str, bases: str, title: str, fields: dict[str, FieldInfo]) -> It
     yield f"\n\nclass {name}({bases}, total=False):"
     yield f'    """{title}"""'
     for key, field in fields.items():
-        yield f"\n    {key}: {' | '.join(dict.fromkeys(_types(field.annotation, field.metadata)))}"
+        rules = (*field.metadata, *_names_in_a_table(field))
+        yield f"\n    {key}: {' | '.join(dict.fromkeys(_types(field.annotation, rules)))}"
         text = " ".join((field.description or "").split()) + _default(field)
         yield from textwrap.wrap(
             f'"""{text}"""', WIDTH, initial_indent="    ", subsequent_indent="    ",
             break_long_words=False, break_on_hyphens=False,
         )  # fmt: skip
+
+
+def _names_in_a_table(field: FieldInfo) -> Iterator[WithJsonSchema]:
+    """Names that a field allows, where its schema is made when it is asked for."""
+    if callable(field.json_schema_extra):
+        schema: dict[str, Any] = {}
+        field.json_schema_extra(schema)
+        yield WithJsonSchema(schema)
 
 
 def _default(field: FieldInfo) -> str:
