@@ -64,7 +64,7 @@ def test_tangent_is_that_of_the_definition(name):
 
 
 def test_volumes_are_those_of_the_definition():
-    shear, bulk, span = elements()
+    shear, _, span = elements()
     u, volume, smallest = displacement(0.2), np.ones(SHAPE), np.ones(SHAPE)
     element_volumes(u, span, volume, smallest)
     for cell in map(tuple, np.argwhere(shear > 0)):

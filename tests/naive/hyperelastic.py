@@ -1,4 +1,4 @@
-"""Slow, plain twins of the kernels of elements, contact and block stencils, from their definition."""
+"""Slow, plain twins of the kernels of elements, contact and block stencils."""
 
 from __future__ import annotations
 
