@@ -13,12 +13,12 @@ from scipy.stats import kstest, norm, truncnorm, uniform
 
 from mammosim.cohort import load_cohort, plan_cohort
 from mammosim.cohort.cluster import share_machine
+from mammosim.cohort.cohort_progress import Progress
 from mammosim.cohort.dataset import check_exports
 from mammosim.cohort.description import part_of
 from mammosim.cohort.distributions import KINDS, stream
-from mammosim.cohort.progress import Progress
+from mammosim.cohort.patients_table import table_schema
 from mammosim.cohort.status import cohort_status
-from mammosim.cohort.table import table_schema
 from mammosim.config import write_yaml
 from mammosim.errors import InputError
 from mammosim.export import write_learning_pair

@@ -19,14 +19,14 @@ from mammosim.cohort.cluster import (
     shares,
     wait_for_worker,
 )
+from mammosim.cohort.cohort_progress import Progress
 from mammosim.cohort.dataset import FOLDER as DATASET
 from mammosim.cohort.dataset import write_manifest
 from mammosim.cohort.description import Cohort
 from mammosim.cohort.patient import Outcome, Patient, make_patient, note_failure, worker_gb
+from mammosim.cohort.patients_table import write_tables
 from mammosim.cohort.plan import first_plans
-from mammosim.cohort.progress import Progress
 from mammosim.cohort.status import PROGRESS, RECORD, patient_folder
-from mammosim.cohort.table import write_tables
 from mammosim.errors import InputError, Interrupted
 from mammosim.export import write_json
 from mammosim.pipeline import writing

@@ -6,9 +6,9 @@ import json
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+from mammosim.cohort.cohort_progress import Progress
 from mammosim.cohort.description import load_cohort
 from mammosim.cohort.patient import FAILURE
-from mammosim.cohort.progress import Progress
 from mammosim.errors import InputError
 from mammosim.pipeline import is_being_written, read_record
 
