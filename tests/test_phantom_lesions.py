@@ -17,8 +17,10 @@ from mammosim.phantom import (
     make_phantom,
     read_phantom,
 )
-from mammosim.phantom.calcifications import SIZES, cluster_balls
-from mammosim.phantom.lesion_shapes import Ball, clip_ball, inside_mass
+from mammosim.phantom.lesion_kinds.balls import Ball
+from mammosim.phantom.lesion_kinds.clip import clip_ball
+from mammosim.phantom.lesion_kinds.clusters import SIZES, cluster_balls
+from mammosim.phantom.lesion_kinds.mass import inside_mass
 from mammosim.tissues import TISSUES
 
 

@@ -59,7 +59,7 @@ def lesion_channels(paths: PathLengths, targets: Sequence[Target]) -> list[tuple
     """Target and channel of every lesion, by rising target id; as `lesion_masks` pairs them."""
     waiting: dict[str, list[Target]] = {}
     for target in sorted(targets, key=lambda target: target.target_id):
-        if target.kind not in ("landmark", "nipple"):
+        if target.is_lesion:
             waiting.setdefault(target.name, []).append(target)
     channels = [channel for channel, label in enumerate(paths.lesion_labels) if label != 0]
     channels.sort(key=lambda channel: paths.lesion_labels[channel])

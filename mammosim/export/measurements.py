@@ -22,7 +22,7 @@ from mammosim.export.dicom_modules import (
 )
 from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
-from mammosim.export.segmentation import LESION_CODES, segmentation_dataset
+from mammosim.export.segmentation import lesion_codes, segmentation_dataset
 from mammosim.export.settings import ExportSettings
 
 # Names and units of PS3.16 CID 7470, 7471 and 7181.
@@ -133,7 +133,7 @@ def _group(
             segment_number=number,
             source_image=sr.SourceImageForSegmentation(source.SOPClassUID, source.SOPInstanceUID),
         ),
-        finding_type=LESION_CODES[target.kind][1],
+        finding_type=lesion_codes(target.kind)[1],
         measurements=measured,
     )
 

@@ -19,20 +19,16 @@ from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.orientation import patient_orientation
 from mammosim.export.settings import ExportSettings
-
-_ABNORMAL = Code("49755003", "SCT", "Morphologically Abnormal Structure")
-_OBJECT = Code("260787004", "SCT", "Physical object")
-
-# Category (PS3.16 CID 7150) and type (CID 7159, 6014 and 7193) of each kind of lesion.
-LESION_CODES = {
-    "mass": (_ABNORMAL, Code("4147007", "SCT", "Mass")),
-    "calcification": (_ABNORMAL, Code("129769006", "SCT", "Calcification Cluster")),
-    "clip": (_OBJECT, Code("77720000", "SCT", "Clip")),
-}
-"""Category and type of each kind of lesion."""
+from mammosim.phantom import LESION_KINDS
 
 # CID 7162 has no word for a projection of known truth; the masks come from a deformed model.
 _FAMILY = Code("123111", "DCM", "Deformable Models")
+
+
+def lesion_codes(kind: str) -> tuple[Code, Code]:
+    """Category and type of a kind of lesion."""
+    of_kind = LESION_KINDS[kind]
+    return Code(*of_kind.dicom_category), Code(*of_kind.dicom_type)
 
 
 def write_segmentation(
@@ -111,7 +107,7 @@ def _description(
     number: int, lesion: LesionMask, study: StudyIdentity
 ) -> hd.seg.SegmentDescription:
     target = lesion.target
-    category, kind = LESION_CODES[target.kind]
+    category, kind = lesion_codes(target.kind)
     description = hd.seg.SegmentDescription(
         segment_number=number,
         segment_label=long_string(target.name),

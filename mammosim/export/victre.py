@@ -18,6 +18,7 @@ from mammosim.compression import CompressedBreast
 from mammosim.export.atomic import write_text
 from mammosim.export.metaimage import write_metaimage
 from mammosim.geometry import VoxelFrame
+from mammosim.phantom import LESION_KINDS
 from mammosim.tissues import TISSUES
 
 PADDLE_LABEL = 50
@@ -25,9 +26,6 @@ PADDLE_LABEL = 50
 
 PADDLE_MM = 1.0
 """Thickness of VICTRE's paddles, mm (`paddleHeight` of breastCompress.cxx)."""
-
-LESION_TYPES = {"calcification": 1, "mass": 2}
-"""VICTRE's numbers of lesion types (Constants.py); it has none for clips."""
 
 
 def write_victre(
@@ -155,7 +153,8 @@ def _inserted(squeezed: CompressedBreast, places_mm: NDArray[np.float64], frame:
     for lesion, place in zip(squeezed.phantom.lesions, places_mm, strict=True):
         index = np.rint(frame.index(place)).astype(int)
         inside = (index >= 0).all() and (index < frame.shape).all()
-        if lesion.kind in LESION_TYPES and inside:
+        victre_type = LESION_KINDS[lesion.kind].victre_type
+        if victre_type is not None and inside:
             x, y, z = index
-            lines.append(f"{z} {x} {y} {LESION_TYPES[lesion.kind]}\n")
+            lines.append(f"{z} {x} {y} {victre_type}\n")
     return "".join(lines)

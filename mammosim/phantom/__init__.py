@@ -3,6 +3,7 @@
 from mammosim.phantom.anatomy import GenerateSettings, generate_phantom
 from mammosim.phantom.breast import BreastPhantom, Landmark, Lesion, OpenEnd
 from mammosim.phantom.keys import PhantomKeys
+from mammosim.phantom.lesion_kinds import LESION_KINDS, LesionForm, LesionKind
 from mammosim.phantom.lesions import insert_lesions
 from mammosim.phantom.make import make_phantom
 from mammosim.phantom.memory import available_bytes
@@ -18,12 +19,15 @@ from mammosim.phantom.voxels import read_volume
 
 __all__ = [
     "BREAST_AXES",
+    "LESION_KINDS",
     "TIFF_AXES_KEY",
     "BreastPhantom",
     "GenerateSettings",
     "Landmark",
     "LandmarkSettings",
     "Lesion",
+    "LesionForm",
+    "LesionKind",
     "LesionSettings",
     "OpenEnd",
     "PhantomKeys",

@@ -18,7 +18,8 @@ class Lesion:
     Parameters
     ----------
     name : str
-    kind : {"mass", "calcification", "clip"}
+    kind : str
+        Of `LESION_KINDS`.
     label : int
         Its label in the phantom's voxels.
     tissue : str

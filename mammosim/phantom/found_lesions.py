@@ -14,10 +14,8 @@ from scipy.spatial import cKDTree
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.breast import Lesion
+from mammosim.phantom.lesion_kinds import LESION_KINDS, lesion_tissues
 from mammosim.tissues import LESION_LABELS, TISSUES
-
-LESION_TISSUES = ("mass", "calcification", "clip")
-"""Tissues of which every piece is a lesion."""
 
 CLUSTER_MM = 10.0
 """Calcifications nearer than this to another belong to its cluster: grouped calcifications lie
@@ -43,9 +41,10 @@ def number_lesions(labels: NDArray[np.uint8], frame: VoxelFrame, where: str) -> 
     InputError
         If there are more lesions than labels for them.
     """
+    kinds = lesion_tissues()
     found = [
         (kind, voxels)
-        for kind in LESION_TISSUES
+        for kind in kinds.values()
         for voxels in _lesions_of_kind(labels, frame, kind)
     ]
     if len(found) > len(LESION_LABELS):
@@ -53,7 +52,7 @@ def number_lesions(labels: NDArray[np.uint8], frame: VoxelFrame, where: str) -> 
             f"{where}: holds {len(found)} separate lesions, at most {len(LESION_LABELS)} can be "
             "told apart; merge or remove small ones"
         )
-    lesions, number = [], dict.fromkeys(LESION_TISSUES, 0)
+    lesions, number = [], dict.fromkeys(kinds.values(), 0)
     for (kind, voxels), label in zip(found, LESION_LABELS, strict=False):
         number[kind] += 1
         labels[tuple(voxels.T)] = label
@@ -74,7 +73,7 @@ def _lesions_of_kind(
     pieces, count = ndimage.label(labels[box] == TISSUES[kind].label, np.ones((3, 3, 3)))
     index = np.argwhere(pieces)
     piece = pieces[tuple(index.T)] - 1
-    if kind == "calcification":
+    if LESION_KINDS[kind].clustered:
         centres = np.array(
             [np.bincount(piece, index[:, axis], count) for axis in range(3)]
         ).T / np.bincount(piece, minlength=count).reshape(-1, 1)

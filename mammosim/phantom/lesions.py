@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from mammosim.errors import InputError
 from mammosim.phantom.breast import BreastPhantom, Lesion
 from mammosim.phantom.found_lesions import bounding_box
-from mammosim.phantom.paint_lesion import Site, distance_mm, paint_lesion, window_around
+from mammosim.phantom.lesion_kinds import LESION_KINDS, Site, distance_mm, window_around
 from mammosim.phantom.place import box_text, draw_place, tissue_at
 from mammosim.phantom.settings import LesionSettings
 from mammosim.tissues import LESION_LABELS
-
-VESSEL_ROOM_MM = 2.0
-"""Room that a drawn place has around it for calcifications of a vessel, which stay in its wall."""
 
 Taken = list[tuple[NDArray[np.float64], float]]
 
@@ -61,12 +58,33 @@ def insert_lesions(
     labels, made = breast.labels.copy(), list(breast.lesions)
     own = rng.spawn(len(lesions))
     for entry, centre, label, lesion_rng in zip(lesions, centres, free, own, strict=False):
-        made.append(paint_lesion(Site(breast, labels, entry, centre, label), lesion_rng))
+        made.append(_painted(breast, labels, entry, centre, label, lesion_rng))
     tissue_of_label = dict(breast.tissue_of_label)
     tissue_of_label.update({lesion.label: lesion.tissue for lesion in made})
     return dataclasses.replace(
         breast, labels=labels, lesions=tuple(made), tissue_of_label=tissue_of_label
     )
+
+
+def _painted(
+    breast: BreastPhantom,
+    labels: NDArray[np.uint8],
+    entry: LesionSettings,
+    centre_mm: NDArray[np.float64],
+    label: int,
+    rng: np.random.Generator,
+) -> Lesion:
+    """Label a lesion's voxels, in place, and describe it from the voxels that it got."""
+    site = Site(breast, labels, entry.name, centre_mm, 0.5 * entry.size_mm, label)
+    true_mm3 = entry.form.paint(site, entry, rng)
+    corner, window = window_around(breast, centre_mm, site.radius_mm + 2.0, labels)
+    index = np.argwhere(window == label)
+    painted_mm3 = len(index) * float(np.prod(breast.voxel_mm))
+    position = breast.frame.position_mm(corner + index.mean(axis=0))
+    volume = painted_mm3 if true_mm3 is None else true_mm3
+    fill = 1.0 if true_mm3 is None else min(1.0, true_mm3 / painted_mm3)
+    tissue = LESION_KINDS[entry.kind].tissue
+    return Lesion(entry.name, entry.kind, label, tissue, position, min(volume, painted_mm3), fill)
 
 
 def _name_problems(breast: BreastPhantom, lesions: Sequence[LesionSettings]) -> list[str]:
@@ -115,9 +133,8 @@ def _centres(
     for number, entry in enumerate(lesions):
         if number not in centres:
             radius = 0.5 * entry.size_mm
-            vascular = entry.morphology == "vascular"
-            kind, room = ("vascular", VESSEL_ROOM_MM) if vascular else (entry.kind, radius)
-            centres[number] = draw_place(breast, room, taken, rng, entry.name, kind)
+            room = radius if entry.form.room_mm is None else entry.form.room_mm
+            centres[number] = draw_place(breast, room, taken, rng, entry.name, entry.form.arises_in)
             taken.append((centres[number], radius))
     return [centres[number] for number in range(len(lesions))]
 

@@ -15,15 +15,6 @@ from mammosim.tissues import TISSUES
 COARSE_MM = 2.0
 """Grid on which free places are sought, mm: small against the lesions' distances."""
 
-PREFERRED = {
-    "mass": (("tdlu", "gland", "duct"),),
-    "calcification": (("tdlu",), ("gland", "duct")),
-    "clip": (("gland", "tdlu", "duct"),),
-    "vascular": (("artery",),),
-}
-"""Tissues in which lesions arise, the first that the breast has: the epithelium of the terminal
-units (Wellings, Jensen & Marcum 1975, J Natl Cancer Inst 55:231-273)."""
-
 AVOIDED = ("air", "skin", "nipple", "muscle")
 """Tissues a drawn place keeps away from."""
 
@@ -63,7 +54,7 @@ def draw_place(
     taken: Sequence[tuple[NDArray[np.float64], float]],
     rng: np.random.Generator,
     name: str,
-    kind: str = "mass",
+    arises_in: Sequence[Sequence[str]] = (),
 ) -> NDArray[np.float64]:
     """A random centre whose ball stays clear of skin, nipple, muscle and other lesions.
 
@@ -77,8 +68,9 @@ def draw_place(
     rng : Generator
     name : str
         For messages.
-    kind : str
-        Of `PREFERRED`: the tissue in which it arises; where there is none of it, any other.
+    arises_in : sequence of sequence of str
+        Tissues in which it arises: the first group of which there is any; where there is none,
+        any tissue.
 
     Raises
     ------
@@ -104,7 +96,7 @@ def draw_place(
         apart &= (centres - end.off_point_mm) @ end.off_normal < -radius_mm
     for centre, radius in taken:
         apart &= np.linalg.norm(centres - centre, axis=1) > radius + radius_mm + 1.0
-    choices = _in_preferred(centres, apart, coarse[tuple(index.T)], kind)
+    choices = _in_preferred(centres, apart, coarse[tuple(index.T)], arises_in)
     if len(choices) == 0:
         raise InputError(
             f"lesion '{name}': no place has room for its {2 * radius_mm:.1f} mm; the roomiest "
@@ -116,10 +108,13 @@ def draw_place(
 
 
 def _in_preferred(
-    centres: NDArray[np.float64], free: NDArray[np.bool_], labels: NDArray[np.uint8], kind: str
+    centres: NDArray[np.float64],
+    free: NDArray[np.bool_],
+    labels: NDArray[np.uint8],
+    arises_in: Sequence[Sequence[str]],
 ) -> NDArray[np.float64]:
-    """Those free places that lie in the first tissue of a kind that there is, or else all."""
-    for tissues in PREFERRED[kind]:
+    """Those free places that lie in the first group of tissues that there is, or else all."""
+    for tissues in arises_in:
         within = free & np.isin(labels, [TISSUES[tissue].label for tissue in tissues])
         if within.any():
             return centres[within]

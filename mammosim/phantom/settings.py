@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from mammosim.config import Settings
 from mammosim.phantom.anatomy import GenerateSettings
+from mammosim.phantom.lesion_kinds import LESION_KINDS, LesionForm, OwnKeys
 from mammosim.phantom.memory import MOST_REDUCED
 from mammosim.phantom.readers.axes import AXES_EXPECTED, are_axes
 
 
-class LesionSettings(Settings):
-    """A lesion to put into the breast before compression."""
+def _known_kind(kind: str) -> str:
+    if kind not in LESION_KINDS:
+        raise ValueError(f"expected one of {', '.join(LESION_KINDS)}")
+    return kind
+
+
+Kind = Annotated[
+    str,
+    AfterValidator(_known_kind),
+    WithJsonSchema({"type": "string", "enum": list(LESION_KINDS)}),
+]
+
+
+class _AnyLesion(Settings):
+    """Keys of a lesion of any kind."""
 
     name: str = Field(min_length=1, max_length=64)
     """Name of the lesion, each used once."""
 
-    kind: Literal["mass", "calcification", "clip"]
+    kind: Kind
     """A mass, a cluster of calcifications, or a biopsy clip."""
 
     diameter_mm: float | None = Field(default=None, gt=0.0, le=100.0)
@@ -28,45 +42,32 @@ class LesionSettings(Settings):
     position_mm: tuple[float, float, float] | None = None
     """Centre in the breast frame, mm; left out, a place where such lesions occur is drawn."""
 
-    margin: Literal["smooth", "lobulated", "spiculated", "distortion"] = "lobulated"
-    """Outline of a mass; `distortion` is architectural distortion, spicules without a mass."""
 
-    morphology: Literal["punctate", "pleomorphic", "linear", "vascular"] = "pleomorphic"
-    """Form of calcifications: round, irregular, in a row that forks along ducts, or in the wall of
-    an artery, which the breast must have there."""
-
-    count: int | None = Field(default=None, ge=1, le=200)
-    """Number of calcifications in a cluster, not of an artery; left out, drawn from 5 to 30."""
-
-    calcification_mm: float | None = Field(default=None, ge=0.05, le=3.0)
-    """Diameter of a ball of each calcification's volume, mm, or thickness of calcified wall; left
-    out, drawn for each from 0.1 to 0.8, and 0.08 in a wall."""
+class LesionSettings(OwnKeys, _AnyLesion):
+    """A lesion to put into the breast before compression."""
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> Self:
-        own = ("morphology", "count", "calcification_mm")
-        belongs = {"margin": "mass", **dict.fromkeys(own, "calcification")}
         foreign = [
-            key for key, kind in belongs.items()
-            if kind != self.kind and getattr(self, key) != type(self).model_fields[key].default
-        ]  # fmt: skip
+            key
+            for name, kind in LESION_KINDS.items()
+            if kind.keys is not None and name != self.kind
+            for key, field in kind.keys.model_fields.items()
+            if getattr(self, key) != field.default
+        ]
         if foreign:
             raise ValueError(f"{', '.join(foreign)} does not belong to kind '{self.kind}'")
-        if self.count is not None and self.morphology == "vascular":
-            raise ValueError("count does not belong to morphology 'vascular'")
         return self
 
     @property
-    def size_mm(self) -> float:
-        """Diameter given, or the kind's own, mm.
+    def form(self) -> LesionForm:
+        """How this lesion is made."""
+        return LESION_KINDS[self.kind].form(self)
 
-        A mass of 10 mm is a choice, the upper end of stage T1b; a cluster lies within 1 cm (ACR
-        BI-RADS Atlas, 5th edition, 2013, "Grouped"); clips are some millimetres long; the length
-        along an artery is a choice.
-        """
-        if self.diameter_mm is None and self.morphology == "vascular":
-            return 25.0
-        return self.diameter_mm or {"mass": 10.0, "calcification": 10.0, "clip": 3.0}[self.kind]
+    @property
+    def size_mm(self) -> float:
+        """Diameter given, or the form's own, mm."""
+        return self.diameter_mm or self.form.diameter_mm
 
 
 class LandmarkSettings(Settings):

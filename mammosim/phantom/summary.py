@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mammosim.phantom.breast import BreastPhantom, Lesion
+from mammosim.phantom.lesion_kinds import lesion_tissues
 from mammosim.phantom.place import tissue_box_mm
 
-NOT_WITHIN_SKIN = ("air", "skin", "nipple", "muscle", "mass", "calcification", "clip")
+NOT_WITHIN_SKIN = ("air", "skin", "nipple", "muscle", *lesion_tissues())
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,15 +7,13 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mammosim.geometry import Gantry
+from mammosim.phantom import LESION_KINDS
 from mammosim.projection.channels import Channels
 
 SMOOTHING_VOXELS = 0.35
 """Standard deviation of the smoothing in voxels: what repeats with every voxel is left to 9 %."""
 
 _REACH = 3.0  # standard deviations at which the smoothing is cut off
-
-# Kinds of lesion that stay as they are: their brightness is in a few voxels.
-_SHARP_KINDS = ("calcification", "clip")
 
 
 def smooth_voxels(
@@ -52,7 +50,7 @@ def smooth_voxels(
     sigma_px = SMOOTHING_VOXELS * shadow_px
     reach = int(np.ceil(_REACH * sigma_px))
     for image, lesion in zip(attenuating_mm, channels.lesions, strict=True):
-        if lesion is not None and lesion.kind in _SHARP_KINDS:
+        if lesion is not None and LESION_KINDS[lesion.kind].few_voxels:
             continue
         lit = image > 0.0
         rows, columns = (np.flatnonzero(lit.any(axis=axis)) for axis in (1, 0))

@@ -127,7 +127,7 @@ def _picture(
         return Picture(name, name[0], technique[0], "", "", crop, [], [], 0.0, 0.0)
     technique += [f"{mammogram.kvp:g} kV {mammogram.target}/{mammogram.filter}",
                   f"{mammogram.mas:.0f} mAs", f"{mammogram.dose_mgy:.2f} mGy"]  # fmt: skip
-    shown = [target.name for target in here if target.in_field and is_lesion(target)]
+    shown = [target.name for target in here if target.in_field and target.is_lesion]
     lesions = ", ".join(shown) or "no lesion"
     bar_px, marks = _BAR_MM / mammogram.gantry.pixel_mm, markers(here, mammogram.gantry)
     return Picture(
@@ -169,8 +169,3 @@ def _labels(marks: Sequence[Marker], crop: Crop, side: str, bar_px: float) -> li
 def targets_of(view: View, targets: Sequence[Target]) -> list[Target]:
     """Rows of one view."""
     return [target for target in targets if target.view in (view.folder, view.label)]
-
-
-def is_lesion(target: Target) -> bool:
-    """Whether a target is something that was put there to be found."""
-    return target.kind not in ("landmark", "nipple")

@@ -12,8 +12,9 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 from mammosim.acquisition import Mammogram
+from mammosim.phantom import LESION_KINDS
 from mammosim.report.figures import convergence_svg
-from mammosim.report.hanging import ReportedView, hanging, is_lesion, targets_of
+from mammosim.report.hanging import ReportedView, hanging, targets_of
 from mammosim.report.lesion_shift import shift_section
 from mammosim.report.markers import shift_arrows
 from mammosim.report.quantities import NOT_KNOWN, number, quantity
@@ -23,10 +24,6 @@ from mammosim.targets import ShiftAnswers, Target
 
 _SIDES = {"L": "Left breast", "R": "Right breast"}
 _VIEW_ORDER = ("CC", "MLO", "ML")
-_KINDS = {
-    "mass": "Mass", "calcification": "Calcifications", "clip": "Clip", "landmark": "Landmark",
-    "nipple": "Nipple",
-}  # fmt: skip
 _STATUS = {
     "not converged": "This run did not converge: the compression stopped before it reached its "
     "tolerance. What follows is what was reached; do not rely on positions or forces.",
@@ -123,7 +120,7 @@ def _case(views: Sequence[ReportedView], targets: Sequence[Target]) -> str:
     if mammograms:
         first = mammograms[0]
         parts.append(f"{first.target}/{first.filter} {first.kvp:g} kV")
-    count = sum(is_lesion(entry["first"]) for entry in _lesions(views, targets))
+    count = sum(entry["first"].is_lesion for entry in _lesions(views, targets))
     parts.append({0: "no lesion", 1: "1 lesion"}.get(count, f"{count} lesions"))
     return " · ".join(parts)
 
@@ -160,7 +157,7 @@ def _lesion(side: str, of_view: Mapping[str, Target]) -> dict[str, Any]:
     return {
         "number": f"{side} {first.target_id}".strip(),
         "first": first,
-        "kind": _KINDS.get(first.kind, first.kind),
+        "kind": LESION_KINDS[first.kind].title if first.is_lesion else first.kind.capitalize(),
         "diameter_mm": _ball_diameter_mm(first),
         "of_view": of_view,
     }
@@ -168,7 +165,8 @@ def _lesion(side: str, of_view: Mapping[str, Target]) -> dict[str, Any]:
 
 def _ball_diameter_mm(target: Target) -> float:
     """Of the ball of a lesion's volume; NaN for a group of calcifications, which is none."""
-    if target.kind == "calcification" or not target.volume_mm3 > 0.0:
+    clustered = target.is_lesion and LESION_KINDS[target.kind].clustered
+    if clustered or not target.volume_mm3 > 0.0:
         return math.nan
     return (6.0 * target.volume_mm3 / math.pi) ** (1.0 / 3.0)
 

@@ -1,14 +1,20 @@
-"""Outlines of masses, balls and rods, and clips."""
+"""Masses: a body with a smooth, lobulated or spiculated margin, or a distortion."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-CLIP_RADIUS_MM = 0.25
-"""Radius of the wire a biopsy clip is made of, mm."""
+from mammosim.config import Settings
+from mammosim.phantom.lesion_kinds.kind import ABNORMAL_STRUCTURE, LesionForm, LesionKind
+from mammosim.phantom.lesion_kinds.site import Site, nearest_voxel
+
+THINNEST_PART = 0.6
+"""Least half width of a spicule, of a voxel: half a voxel's diagonal in a face and a little more
+keeps a straight line of voxels together."""
 
 
 @dataclass(frozen=True)
@@ -45,40 +51,19 @@ lines or spicules that radiate from a point and no definite mass (ACR BI-RADS At
 2013). The numbers are choices by eye; bodies that are uneven stay within the radius."""
 
 
-@dataclass(frozen=True, eq=False)
-class Ball:
-    """A ball, or a rod with round ends.
+class MassKeys(Settings):
+    """Keys of a mass."""
 
-    Parameters
-    ----------
-    offset_mm : ndarray, (3,)
-        Centre against the lesion's centre, mm.
-    radius_mm : float
-    half_length_mm : float
-        Half the length of its axis, mm; 0 is a ball.
-    direction : ndarray, (3,)
-        Unit vector along its axis.
-    """
+    margin: Literal["smooth", "lobulated", "spiculated", "distortion"] = "lobulated"
+    """Outline of a mass; `distortion` is architectural distortion, spicules without a mass."""
 
-    offset_mm: NDArray[np.float64]
-    radius_mm: float
-    half_length_mm: float = 0.0
-    direction: NDArray[np.float64] = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
 
-    @property
-    def volume_mm3(self) -> float:
-        """Volume, mm3."""
-        across = np.pi * self.radius_mm**2
-        return float(across * (4.0 / 3.0 * self.radius_mm + 2.0 * self.half_length_mm))
-
-    def contains(
-        self, offsets_mm: NDArray[np.float64], thinnest_mm: float = 0.0
-    ) -> NDArray[np.bool_]:
-        """Which points (..., 3), in mm from its centre, lie in it, if it is at least so thick."""
-        along = np.clip(offsets_mm @ self.direction, -self.half_length_mm, self.half_length_mm)
-        rest = offsets_mm - along[..., None] * self.direction
-        inside: NDArray[np.bool_] = (rest**2).sum(axis=-1) <= max(self.radius_mm, thinnest_mm) ** 2
-        return inside
+def paint_mass(site: Site, keys: MassKeys, rng: np.random.Generator) -> None:
+    """Label the voxels of a mass, at least the one that holds its centre."""
+    window, offsets = site.window(site.centre_mm, site.radius_mm)
+    thinnest = THINNEST_PART * float(site.breast.voxel_mm.max())
+    mask = inside_mass(offsets, site.radius_mm, keys.margin, rng, thinnest)
+    window[mask if mask.any() else nearest_voxel(offsets)] = site.label
 
 
 def inside_mass(
@@ -127,9 +112,16 @@ def inside_mass(
     return inside
 
 
-def clip_ball(length_mm: float, rng: np.random.Generator) -> Ball:
-    """A clip: a rod of titanium wire in a random direction."""
-    direction = rng.standard_normal(3)
-    direction /= np.linalg.norm(direction)
-    radius = min(CLIP_RADIUS_MM, 0.5 * length_mm)
-    return Ball(np.zeros(3), radius, 0.5 * length_mm - radius, direction)
+# 10 mm is a choice, the upper end of stage T1b. Masses arise in the epithelium of the terminal
+# units (Wellings, Jensen & Marcum 1975, J Natl Cancer Inst 55:231-273).
+FORM = LesionForm(10.0, (("tdlu", "gland", "duct"),), paint_mass)
+
+MASS = LesionKind(
+    title="Mass",
+    tissue="mass",
+    form=lambda keys: FORM,
+    keys=MassKeys,
+    dicom_category=ABNORMAL_STRUCTURE,
+    dicom_type=("4147007", "SCT", "Mass"),
+    victre_type=2,
+)

@@ -1,4 +1,4 @@
-"""Clusters of calcifications by morphology: how many, how large, of which form and how they lie."""
+"""Members of a cluster of calcifications: how many, how large, of which form and how they lie."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.phantom.lesion_shapes import Ball
+from mammosim.phantom.lesion_kinds.balls import Ball
 
 COUNTS = (5, 30)
 """Fewest and most in a cluster: five within 1 cm make one (ACR BI-RADS Atlas, 5th edition, 2013,
