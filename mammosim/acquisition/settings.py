@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Annotated, Self
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
@@ -15,12 +15,12 @@ from mammosim.config import Settings
 from mammosim.tissues import CALCIFICATIONS, COMPOSITION_SETS
 
 
-def _one_of(names: Iterable[str]) -> Callable[[str], str]:
-    allowed = tuple(names)
+def _one_of(names: Collection[str]) -> Callable[[str], str]:
+    """Check against a table as it is when a value is checked, with what was added to it."""
 
     def check(value: str) -> str:
-        if value not in allowed:
-            raise ValueError(f"expected one of {', '.join(allowed)}")
+        if value not in names:
+            raise ValueError(f"expected one of {', '.join(names)}")
         return value
 
     return check
