@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 from naive.acquisition import body_paths
-from naive.acquisition import primary as naive_primary
 
 from mammosim.acquisition.attenuation import attenuation_per_mm
 from mammosim.acquisition.detectors import find_detector
@@ -27,32 +26,6 @@ def test_monoenergetic_slab_is_beer_lambert():
     # the pixel on the central row, half a pixel from the focal spot's column: cos^3 is 1 - 2e-7
     np.testing.assert_allclose(signal[1, 0], 1000.0 * transmitted, rtol=1e-6)
     np.testing.assert_allclose(square[1, 0], 2.0e4 * transmitted, rtol=1e-6)
-
-
-def test_compiled_primary_agrees_with_its_twin():
-    rng = np.random.default_rng(4)
-    lengths = {name: rng.uniform(-5.0, 20.0, (7, 5)).clip(0.0) for name in ("adipose", "gland")}
-    lengths["calcification"] = np.where(rng.random((7, 5)) < 0.2, 0.3, 0.0)
-    for image in lengths.values():
-        image[2] = 0.0
-    for laterality in "LR":
-        paths = body_paths(lengths, pixel_mm=20.0, laterality=laterality)
-        unit = unit_response()
-        mu = np.stack(
-            [attenuation_per_mm(MATERIALS[name], unit.energy_kev) for name in lengths], axis=1
-        )
-        signal, square = primary(paths, MATERIALS, unit)
-        depth = unit.flat_depth
-        expected = naive_primary(
-            paths.attenuating_mm, mu, unit.energy_weight[0], depth, paths.gantry
-        )
-        met = paths.length_mm.any(axis=0)
-        np.testing.assert_allclose(signal[met], expected[met], rtol=1e-6)  # float32 result
-        np.testing.assert_allclose(signal, expected, rtol=1e-4)  # mean depth where there is air
-        expected = naive_primary(
-            paths.attenuating_mm, mu, unit.square_weight[0], depth, paths.gantry
-        )
-        np.testing.assert_allclose(square[met], expected[met], rtol=1e-6)
 
 
 @pytest.mark.parametrize(("gland_mm", "tolerance"), [(0.0, 1e-12), (20.0, 2e-4), (50.0, 1e-3)])

@@ -8,29 +8,13 @@ import pytest
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom import phantom_summary, read_phantom
-from mammosim.phantom.bodies import find_bodies
 from mammosim.phantom.found_lesions import bounding_box, number_lesions
 from mammosim.phantom.orientation import nipple_position, side_of_muscle
 from mammosim.tissues import LESION_LABELS
-from tests.naive import phantom as naive
 
 
 def frame_of(labels, voxel_mm=1.0):
     return VoxelFrame(np.array([1.0, 2.0, 3.0]), np.full(3, voxel_mm), labels.shape)
-
-
-@pytest.mark.parametrize("filled", [0.05, 0.2, 0.35, 0.6])
-@pytest.mark.parametrize("shape", [(6, 7, 8), (1, 9, 9), (9, 1, 9), (9, 9, 1), (12, 10, 11)])
-def test_bodies_agree_with_the_twin(filled, shape):
-    labels = (np.random.default_rng(5).random(shape) < filled).astype(np.uint8)
-    labels[0, 0, 0] = 1
-    labels[-1, -1, -1] = 1
-    count, apart, foremost = naive.bodies(labels)
-    found = find_bodies(labels)
-    assert found.specks == count - 1
-    assert found.speck_voxels == apart
-    if filled == 0.6:  # one body is by far the largest, so that there is no tie
-        np.testing.assert_allclose(found.tip_index, foremost)
 
 
 def test_the_tip_of_a_speck_is_not_the_nipple():

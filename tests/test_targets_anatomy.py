@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from naive.projection import phantom
+from naive.targets import nearest_air_mm
 
 from mammosim.targets.anatomy import clock_position, skin_depth_mm
 
@@ -25,16 +26,6 @@ def test_straight_behind_the_nipple_is_twelve():
     assert clock_position([30.0, 0.0, 0.0], [80.0, 0.0, 0.0]) == "12:00"
 
 
-def nearest_air_by_search(breast, point_mm):
-    """Distance to the nearest cube of air among all voxels, and to the array's faces."""
-    wall = np.flatnonzero(breast.labels.any(axis=(1, 2)))[0]
-    padded = np.pad(breast.labels, [(0, 1), (1, 1), (1, 1)])
-    air = np.argwhere(padded == 0) - [0, 1, 1]
-    air = air[air[:, 0] >= wall]
-    gap = np.maximum(np.abs(air - breast.frame.index(point_mm)) - 0.5, 0.0) * breast.voxel_mm
-    return np.sqrt((gap**2).sum(axis=1).min())
-
-
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10**6))
 def test_skin_depth_equals_a_search_of_all_voxels(seed):
@@ -43,9 +34,9 @@ def test_skin_depth_equals_a_search_of_all_voxels(seed):
     labels[: rng.integers(0, 3)] = 0  # air behind the chest wall
     breast = phantom(labels, [0.7, 1.0, 1.3], rng.normal(size=3))
     point = breast.frame.position_mm(rng.uniform([3.0, 0.0, 0.0], [13.0, 15.0, 11.0]))
-    assert skin_depth_mm(breast, point) == pytest.approx(
-        nearest_air_by_search(breast, point), abs=1e-9
-    )
+    wall = np.flatnonzero(breast.labels.any(axis=(1, 2)))[0]
+    expected = nearest_air_mm(labels, wall, breast.frame.index(point), breast.voxel_mm)
+    assert skin_depth_mm(breast, point) == pytest.approx(expected, abs=1e-9)
 
 
 def test_depth_is_not_taken_through_the_chest_wall():

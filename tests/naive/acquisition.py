@@ -60,6 +60,53 @@ def primary(lengths_mm, mu_per_mm, weights, flat_depth, gantry):
     return out
 
 
+def bilinear(coarse, cell, row, column):
+    """Value of a coarse image at a pixel, linear between cell centres, held beyond them."""
+    rows, columns = coarse.shape
+    y = np.clip((row + 0.5) / cell - 0.5, 0, rows - 1)
+    x = np.clip((column + 0.5) / cell - 0.5, 0, columns - 1)
+    total = 0.0
+    for i in range(rows):
+        for j in range(columns):
+            total += coarse[i, j] * max(0.0, 1 - abs(y - i)) * max(0.0, 1 - abs(x - j))
+    return total
+
+
+def with_scatter(coarse, cell, parts, signal, square):
+    """Signal and second moment behind a grid that lets parts of primary and scatter through."""
+    out = np.array([signal, square], dtype=float)
+    for row, column in np.ndindex(signal.shape):
+        total = parts[0] * signal[row, column] + parts[1] * bilinear(coarse, cell, row, column)
+        mean_energy = square[row, column] / signal[row, column] if signal[row, column] > 0 else 0.0
+        out[:, row, column] = total, total * mean_energy
+    return out
+
+
+def log_attenuation(signal, air_signal, mean_depth, gantry):
+    """ln of air's signal over a pixel's own, both for a ray at right angles to the detector."""
+    out = np.zeros(signal.shape)
+    spot = gantry.focal_spot_mm
+    for row, column in np.ndindex(signal.shape):
+        x, y = gantry.detector_xy_mm(row, column)
+        distance = math.dist((x, y, -gantry.support_to_detector_mm), spot)
+        cosine = (spot[2] + gantry.support_to_detector_mm) / distance
+        air = air_signal[min(column, len(air_signal) - 1)]
+        oblique = cosine**3 * math.exp(-mean_depth * (1 / cosine - 1))
+        out[row, column] = math.log(air / max(signal[row, column] / oblique, 1e-6 * air))
+    return out
+
+
+def grey(level, low, high, bends, maximum):
+    """Pixel value of a level: straight between toe and shoulder, exponential beyond them."""
+    toe, shoulder = bends
+    v = (level - low) / (high - low)
+    if v < toe:
+        v = toe * math.exp((v - toe) / toe)
+    elif v > shoulder:
+        v = 1 - (1 - shoulder) * math.exp(-(v - shoulder) / (1 - shoulder))
+    return math.floor(v * maximum + 0.5)
+
+
 def scatter(primary_signal, thickness_mm, cell_mm, kernel_of):
     """Sum over all cells, of what each sends to each, with a kernel of its own thickness."""
     rows, columns = primary_signal.shape

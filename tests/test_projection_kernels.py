@@ -23,6 +23,10 @@ from mammosim.projection.channels import planes_with_labels
 
 ADIPOSE, GLAND, LESION = 1, 29, 160
 
+compiled_only = pytest.mark.skipif(
+    bool(numba.config.DISABLE_JIT), reason="compares with, or runs on the threads of, compiled code"
+)
+
 
 def noise(shape, voxel_mm, origin_mm, laterality="L", seed=3):
     """Random fat, gland, air and lesion voxels: every face is met."""
@@ -78,6 +82,7 @@ def test_deformed_voxels_equal_the_slow_twin():
     np.testing.assert_allclose(paths.length_mm, expected, atol=2e-4)
 
 
+@compiled_only
 def test_any_number_of_threads_gives_the_same_bits():
     breast = warped_breast("CC", "L")
     threads = numba.get_num_threads()
@@ -137,11 +142,12 @@ def phantom_in_fortran_order(breast):
     return copy
 
 
+@compiled_only
 def test_uncompiled_kernels_give_the_same(tmp_path):
     """The kernels as plain Python, in another process, since Numba reads the switch at start."""
     script = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
-        "import numpy as np, test_projection_twin as t\n"
+        "import numpy as np, test_projection_kernels as t\n"
         "from mammosim.projection import compressed_labels, project\n"
         "breast = t.warped_breast()\n"
         "paths = project(breast, pixel_mm=2.0, detector_mm=[38.0, 24.0])\n"

@@ -1,0 +1,93 @@
+"""Kernels that both mechanical models share: lattice, continuation into air, inverse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from naive import compression as naive
+
+from mammosim.compression._continuation_kernels import continue_one_layer, extrapolate_one_layer
+from mammosim.compression._inverse_kernels import KUHN_TETRAHEDRA, rasterise_inverse
+from mammosim.compression._lattice_kernels import gather_blocks, tissue_outline, tissue_reach
+
+
+@pytest.mark.parametrize("samples", [2, 3])
+def test_blocks_of_a_turned_lattice(samples):
+    rng = np.random.default_rng(1)
+    labels = rng.integers(0, 4, (6, 7, 5)).astype(np.uint8)
+    modulus_of = np.zeros(256, np.float32)
+    modulus_of[1:4] = 1.0, 5.0, 15.0
+    muscle_of = np.zeros(256, bool)
+    muscle_of[3] = True
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0] * 1.7
+    to_voxel = np.column_stack([turn, [2.0, 3.0, 2.5]])
+    shape = (4, 3, 5)
+    found = np.zeros((3, *shape), np.float32)
+    gather_blocks(labels, modulus_of, muscle_of, to_voxel, samples, *found)
+    expected = naive.blocks(labels, modulus_of, muscle_of, to_voxel, samples, shape)
+    assert 0 < (expected[0] == 0).sum() < expected[0].size
+    np.testing.assert_allclose(found, expected, rtol=1e-6)  # float32
+
+
+def test_outline_and_reach_count_what_they_say():
+    rng = np.random.default_rng(2)
+    labels = (rng.integers(0, 5, (5, 6, 7)) * (rng.random((5, 6, 7)) < 0.2)).astype(np.uint8)
+    outline, reach = np.zeros((6, 7), bool), np.zeros(5, np.int64)
+    tissue_outline(labels, outline)
+    np.testing.assert_array_equal(outline, (labels != 0).any(axis=0))
+    wanted = np.isin(np.arange(256), [2, 3])
+    tissue_reach(labels, wanted, reach)
+    np.testing.assert_array_equal(reach, np.isin(labels, [2, 3]).sum(axis=(1, 2)))
+
+
+@pytest.mark.parametrize(
+    ("kernel", "twin"),
+    [(continue_one_layer, naive.one_layer), (extrapolate_one_layer, naive.one_straight_layer)],
+)
+def test_one_layer_of_air_around_tissue(kernel, twin):
+    rng = np.random.default_rng(3)
+    known = rng.random((5, 6, 4)) < 0.3
+    field = np.where(known, rng.standard_normal((2, 5, 6, 4)), 0.0)
+    expected, then = twin(field, known)
+    layer = known.astype(np.int32)
+    kernel(field, layer, 2)
+    np.testing.assert_array_equal(layer > 0, then)
+    np.testing.assert_allclose(field, expected, atol=1e-14)  # sums of 26 terms in another order
+
+
+@pytest.mark.parametrize("largest", [0.0, 0.3, 1.5])
+def test_inverse_of_a_small_lattice(largest):
+    """At rest, bent, and so far displaced that cells fold over each other."""
+    rng = np.random.default_rng(4)
+    tissue = rng.random((4, 4, 4)) < 0.6
+    displacement = rng.uniform(-largest, largest, (4, 4, 4, 3))
+    shift, shape = np.array([-1.0, -1.0, -1.0]), (6, 6, 6)
+    original, rank = np.full((*shape, 3), np.nan), np.zeros(shape, np.int8)
+    rasterise_inverse(displacement, tissue, shift, KUHN_TETRAHEDRA, original, rank)
+    covered = 0
+    for index in np.ndindex(*shape):
+        expected = naive.place_at_rest(displacement, tissue, np.array(index) + shift)
+        assert (rank[index] > 0) == (expected is not None)
+        if expected is None:
+            continue
+        covered += 1
+        if largest > 1.0:  # folded: tetrahedra of one cell may cover a point twice
+            moved = expected_images(displacement, original[index])
+            np.testing.assert_allclose(moved, np.array(index) + shift, atol=1e-6)
+        else:
+            np.testing.assert_allclose(original[index], expected, atol=1e-9)
+    assert covered > 20
+
+
+def expected_images(displacement, place):
+    """Where a place of the lattice at rest goes, linear in the tetrahedron that it lies in."""
+    low = np.minimum(np.floor(place + 1e-12).astype(int), np.array(displacement.shape[:3]) - 2)
+    part = place - low
+    order = np.argsort(-part, kind="stable")
+    corner, weights = low.copy(), [1.0, *part[order], 0.0]
+    moved = np.zeros(3)
+    for n in range(4):
+        moved += (weights[n] - weights[n + 1]) * (corner + displacement[tuple(corner)])
+        if n < 3:
+            corner = corner + np.eye(3, dtype=int)[order[n]]
+    return moved
