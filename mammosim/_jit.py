@@ -221,6 +221,11 @@ class _Watch(Listener):
             self._tell(None)
 
 
+def use_threads(count: int) -> None:
+    """Let kernels run on so many threads, or on as many as there are, from here on."""
+    numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
+
+
 def one_blas_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Let BLAS use one thread while a function runs, so that its bits do not depend on more.
 

@@ -186,7 +186,7 @@ BAD = [
     (["--view", "CC", "--pixel", 150, 10, "--height-mm", 80], r"found 80, which is in air; on th"),
     (["--view", "ML", "--pixel", 150, 10], r"view: found 'ML', .* has LCC, LCC_DBT, LMLO"),
     (["--view", "CC", "--view", "MLO", "--pixel", 1, 1], r"found 2 views and 1 pixels"),
-    (["--view", "CC", "--pixel", 150, 10, "--tube-angle", 90], r"--tube-angle: found 90, expected"),
+    (["--view", "CC", "--pixel", 150, 10, "--tube-angle", 90], r"tube_angle_deg: found 90"),
     (
         ["--view", "CC", "--pixel", 150, 10, "--tube-angle", 5, "--tube-angle", 6],
         r"found 2 tube angles and 1 views",

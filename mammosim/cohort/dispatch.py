@@ -238,7 +238,7 @@ class _Work:
         if self._client.status == "closed":
             raise Interrupted(
                 f"the scheduler does not answer any more; {self.progress.done} of "
-                f"{self.progress.patients} patients are done, --resume goes on", self.progress
+                f"{self.progress.patients} patients are done; it can be resumed", self.progress
             )  # fmt: skip
 
     def _count(self, outcome: Outcome) -> None:

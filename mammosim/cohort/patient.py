@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mammosim._jit import use_threads
 from mammosim.cohort.cluster import own_memory_gb
 from mammosim.cohort.dataset import write_example
 from mammosim.cohort.settings import DatasetSettings
@@ -151,9 +152,7 @@ def note_failure(folder: Path, outcome: Outcome) -> None:
 
 def _make(patient: Patient, folder: Path) -> bool:
     """Make the patient; whether it was there before."""
-    import numba
-
-    numba.set_num_threads(min(patient.threads, numba.config.NUMBA_NUM_THREADS))
+    use_threads(patient.threads)
     where = f"{patient.where}, patient {patient.index}"
     config = config_of(patient.values, Path(patient.base), where)
     found = is_finished(folder, config)

@@ -170,7 +170,7 @@ def point_at_height(sight: Sight, height_mm: float) -> Located:
     point = _original(sight, height)
     if not _in_tissue(sight, height, point)[0]:
         raise InputError(
-            f"{sight.what}: --height-mm: found {height_mm:g}, which is in air; on this ray the "
+            f"{sight.what}: height_mm: found {height_mm:g}, which is in air; on this ray the "
             f"breast lies between {curve.height_mm[0]:.1f} and {curve.height_mm[-1]:.1f} mm above "
             "the support"
         )
@@ -213,7 +213,7 @@ def stereotactic(gantry: Gantry, tube_angle_deg: float) -> Gantry:
     """The same gantry with its tube turned, the breast and the detector staying where they are."""
     if not abs(tube_angle_deg) < 60.0:
         raise InputError(
-            f"--tube-angle: found {tube_angle_deg:g}, expected degrees between -60 and 60"
+            f"tube_angle_deg: found {tube_angle_deg:g}, expected degrees between -60 and 60"
         )
     return replace(gantry, tube_angle_deg=tube_angle_deg)
 
