@@ -37,7 +37,7 @@ numbers a node."""
 
 SECONDS_PER_COMPRESSION, SECONDS_PER_NODE = 6.0, 8e-5
 """On two cores: bodies of some ten thousand elements take as many Newton steps as large ones, and
-threads hardly share them (measured with benchmarks/biopsy_shift.py --samples)."""
+threads hardly share them (measured with benchmarks/biopsy_shift.py)."""
 
 
 @dataclass(frozen=True, eq=False)
