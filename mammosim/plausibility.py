@@ -1,0 +1,187 @@
+"""Limits beyond which a result is doubtful, or is no result: one table for every room."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+_MQSA = (
+    "21 CFR 900.12(e)(4)(iii): the initial power drive of a mammography unit reaches a maximum "
+    "compression force between 111 and 200 N"
+)
+_CONTRACT = "assumed: the largest loss of the published cases of this model is 14 %"
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What is plausible of one quantity.
+
+    Parameters
+    ----------
+    quantity : str
+        Key of the quantity; its ending says its unit.
+    name, unit : str
+        As printed.
+    low, high : float
+        Outside of this range the result is doubtful; infinite where there is no limit.
+    error_above : float
+        Above this there is no result.
+    advice : str
+        What usually causes it, or what to try.
+    source : str
+        Where the limits come from, or why they were assumed.
+    """
+
+    quantity: str
+    name: str
+    unit: str
+    low: float
+    high: float
+    error_above: float
+    advice: str
+    source: str
+
+
+LIMITS: tuple[Limit, ...] = (
+    Limit(
+        "paddle_force_n", "force on the paddle", "N", 20.0, 200.0, 2000.0,
+        "a real paddle does not reach it; check thickness, stiffness and the plates' edge",
+        f"high: {_MQSA}. Low and error: assumed; 49 to 186 N were measured in 560 women "
+        "(Sullivan et al. 1991, Radiology 181:355)",
+    ),
+    Limit(
+        "mean_pressure_kpa", "mean pressure under the paddle", "kPa", -math.inf, 40.0, math.inf,
+        "check thickness, stiffness and the plates' edge",
+        "assumed: mean plus 1.6 standard deviations in CC under 18 daN, 21.3 and 11.5 kPa "
+        "(de Groot et al. 2013, Med Phys 40:081901)",
+    ),
+    Limit(
+        "force_imbalance_percent", "difference between the forces on paddle and support", "%",
+        -math.inf, 5.0, 50.0,
+        "the breast hangs on the chest wall between plates that are not at its height, "
+        "or the solver is not at equilibrium",
+        "assumed: without gravity the two forces differ only by what the chest wall carries",
+    ),
+    Limit(
+        "springs_volume_loss_percent", "loss of volume", "%", -math.inf, 3.0, 20.0,
+        "springs do not keep volume under strong compression; compression.model: hyperelastic does",
+        _CONTRACT,
+    ),
+    Limit(
+        "springs_folded_percent", "share of folded cells", "%", -math.inf, 0.1, 2.0,
+        "springs fold under strong compression; compression.model: hyperelastic does not",
+        _CONTRACT,
+    ),
+    Limit(
+        "folded_elements", "number of folded elements", "", -math.inf, 0.0, 0.0,
+        "no solid can fold: compress less, or take larger elements",
+        "a folded element has a negative volume",
+    ),
+    Limit(
+        "compressed_thickness_mm", "compressed thickness", "mm", 10.0, 120.0, math.inf,
+        "check compression.thickness_mm and the phantom's voxel size",
+        "assumed: 24 to 79 mm hold 95 % of 82 mammograms (Boone et al. 2000, Med Phys 27:2408)",
+    ),
+    Limit(
+        "tube_load_mas", "tube load", "mAs", 1.0, 600.0, math.inf,
+        "no unit makes such an exposure; check acquisition.mas, kvp and the thickness",
+        "assumed: the largest setting of clinical units is near 600 mAs",
+    ),
+    Limit(
+        "dose_percent_of_limit", "mean glandular dose relative to the guideline's limit for this "
+        "thickness", "%", -math.inf, 100.0, math.inf,
+        "check acquisition.mas and the beam",
+        "European guidelines for quality assurance in breast cancer screening and diagnosis, "
+        "4th edition (2006): acceptable level over thickness",
+    ),
+    Limit(
+        "scatter_to_primary_ratio", "scatter-to-primary ratio in front of the grid", "", 0.1, 1.5,
+        math.inf, "check the thickness and acquisition.scatter",
+        "0.40 to 0.85 were measured (Barnes and Brezovich 1978, Radiology 126:243); the wider "
+        "range allows for 1 to 12 cm and is assumed",
+    ),
+    Limit(
+        "saturated_percent", "share of saturated pixels in the breast", "%", -math.inf, 1.0,
+        math.inf, "the detector's range is exceeded; check acquisition.mas",
+        "assumed",
+    ),
+    Limit(
+        "uniform_pixels_percent", "share of pixels in the breast with one and the same value", "%",
+        -math.inf, 50.0, math.inf, "the picture shows nothing; check acquisition.mas and the beam",
+        "assumed",
+    ),
+)  # fmt: skip
+"""Every limit that is checked."""
+
+_BY_QUANTITY = {limit.quantity: limit for limit in LIMITS}
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A quantity outside its plausible range.
+
+    Parameters
+    ----------
+    limit : Limit
+    value : float
+    severity : {"warning", "error"}
+        Whether the result is doubtful, or is none.
+    """
+
+    limit: Limit
+    value: float
+    severity: Literal["warning", "error"]
+
+    def __str__(self) -> str:
+        limit, unit = self.limit, f" {self.limit.unit}" if self.limit.unit else ""
+        if not math.isfinite(self.value):
+            return f"{limit.name}: found {self.value}, expected a number; {limit.advice}"
+        if self.severity == "error":
+            allowed = f"no result above {limit.error_above:g}{unit}"
+        elif self.value < limit.low:
+            allowed = f"plausible from {limit.low:g}{unit}"
+        else:
+            allowed = f"plausible up to {limit.high:g}{unit}"
+        return f"{limit.name}: found {self.value:.4g}{unit}, {allowed}; {limit.advice}"
+
+
+def doubts(quantities: Mapping[str, float]) -> tuple[Doubt, ...]:
+    """Quantities outside their plausible range, in the table's order.
+
+    Parameters
+    ----------
+    quantities : mapping of str to float
+        Values by a limit's `quantity`. Those left out are not judged.
+
+    Returns
+    -------
+    tuple of Doubt
+
+    Raises
+    ------
+    KeyError
+        If there is no limit of that name.
+
+    Examples
+    --------
+    >>> [str(doubt) for doubt in doubts({"tube_load_mas": 1172.0})]
+    ['tube load: found 1172 mAs, plausible up to 600 mAs; no unit makes such an exposure; check \
+acquisition.mas, kvp and the thickness']
+    >>> doubts({"paddle_force_n": 122.0})
+    ()
+    """
+    unknown = set(quantities) - set(_BY_QUANTITY)
+    if unknown:
+        raise KeyError(f"no plausibility limit for {', '.join(sorted(unknown))}")
+    found = []
+    for limit in LIMITS:
+        if limit.quantity not in quantities:
+            continue
+        value = float(quantities[limit.quantity])
+        if not value <= limit.error_above:
+            found.append(Doubt(limit, value, "error"))
+        elif not limit.low <= value <= limit.high:
+            found.append(Doubt(limit, value, "warning"))
+    return tuple(found)
