@@ -9,6 +9,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim.acquisition._kernels import log_attenuation_kernel
 from mammosim.acquisition.expose import (
     COUNTS_PER_KEV_MM2,
     counts_per_kev_mm2,
@@ -17,8 +18,9 @@ from mammosim.acquisition.expose import (
 )
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Mammogram
-from mammosim.acquisition.recording import arrive, record
+from mammosim.acquisition.recording import Arrival, arrive, record
 from mammosim.acquisition.settings import AcquisitionSettings
+from mammosim.acquisition.signal import rays_of
 from mammosim.config import documents_keys, given_settings
 from mammosim.geometry import Gantry
 from mammosim.projection import Arc, PathLengths
@@ -41,6 +43,10 @@ class Tomosynthesis:
         projections together, mAs, mGy and mGy.
     counts_per_kev : float
         Pixel value for one keV absorbed in a pixel.
+    air_counts : ndarray of float64, [projection, column or 1]
+        Pixel value of air for a ray at right angles to the detector.
+    flat_depth : ndarray of float64, [projection]
+        Attenuation of the flat layers in the way of such a ray; no unit.
     """
 
     projections: NDArray[np.uint16]
@@ -50,6 +56,21 @@ class Tomosynthesis:
     air_kerma_mgy: float
     dose_mgy: float
     counts_per_kev: float
+    air_counts: NDArray[np.float64]
+    flat_depth: NDArray[np.float64]
+
+    def attenuation(self, index: int) -> NDArray[np.float32]:
+        """Line integrals of the attenuation coefficient in one projection, [row, column].
+
+        The logarithm of air's signal over each pixel's own; obliqueness and the flat layers
+        (paddle, support, air) are taken out. Scatter is not removed.
+        """
+        gantry = self.gantries[index]
+        signal = self.projections[index].astype(np.float32)
+        log_attenuation_kernel(
+            signal, self.air_counts[index], float(self.flat_depth[index]), rays_of(gantry), signal
+        )
+        return signal
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -128,16 +149,26 @@ def expose_arc(
     whole = {"projections": float(count), "dose_of_all_projections_mgy": shown.dose_mgy * count}
     shown = replace(shown, measures={**shown.measures, **whole})
     stack[middle] = shown.for_processing
+    air = {middle: _air_of(arrival, mas * gain)}
     del arrival, signal, paths
     for index in (*range(middle), *range(middle + 1, count)):
         turned = arc.paths(index)
         watch(index, turned)
-        signal, _ = record(arrive(turned, settings), mas, _noise_of(seed, index))
+        arrival = arrive(turned, settings)
+        air[index] = _air_of(arrival, mas * gain)
+        signal, _ = record(arrival, mas, _noise_of(seed, index))
         stack[index] = to_counts(signal, gain)
+    air_counts, flat_depth = zip(*(air[index] for index in range(count)), strict=True)
     return Tomosynthesis(
         stack, arc.gantries, shown, mas * count, shown.air_kerma_mgy * count,
-        shown.dose_mgy * count, gain,
+        shown.dose_mgy * count, gain, np.stack(air_counts), np.array(flat_depth),
     )  # fmt: skip
+
+
+def _air_of(arrival: Arrival, counts_mas_per_kev: float) -> tuple[NDArray[np.float64], float]:
+    """Pixel value of air, [column or 1], and the attenuation of the flat layers."""
+    profile = arrival.air_signal * arrival.unit.air_profile
+    return counts_mas_per_kev * profile, arrival.unit.weights.mean_depth
 
 
 def _noise_of(seed: int, index: int) -> np.random.Generator:

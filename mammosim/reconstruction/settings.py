@@ -1,0 +1,31 @@
+"""Settings of the reconstruction of a tomosynthesis series."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from mammosim.config import Settings
+
+
+class ReconstructionSettings(Settings):
+    """How slices are reconstructed from the projections of a series."""
+
+    method: Literal["fdk", "sart"] = "fdk"
+    """Filtered back-projection (Feldkamp's), or the simultaneous algebraic technique."""
+
+    slice_mm: Annotated[float, Field(ge=0.1, le=20.0)] = 1.0
+    """Distance between slices, mm; clinical systems use 1 mm."""
+
+    pixel_mm: Annotated[float, Field(ge=0.02, le=2.0)] | None = None
+    """Pixel size within a slice, mm; default: the detector's pixel size."""
+
+    iterations: Annotated[int, Field(ge=1, le=50)] = 1
+    """Number of passes of `sart` over all projections."""
+
+    relaxation: Annotated[float, Field(gt=0.0, lt=2.0)] = 0.5
+    """Share of each correction that `sart` applies; converges between 0 and 2. Assumed."""
+
+    hann: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
+    """Cut-off of `fdk`'s Hann window, share of the Nyquist frequency; 0 leaves the bare ramp."""

@@ -1,0 +1,114 @@
+"""The grid of a reconstructed volume: slices parallel to the detector, in its picture's layout."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mammosim.geometry import Gantry
+
+
+@dataclass(frozen=True)
+class VolumeGrid:
+    """Where the voxels of a reconstruction are.
+
+    Slice 0 lies at the breast support. Rows and columns run as those of the detector's picture, so
+    that a slice and a projection are seen the same way round.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Number of slices, rows and columns.
+    slice_mm, pixel_mm : float
+        Distance between slices, and between rows and columns, mm.
+    first_voxel_mm : tuple of float
+        (3,) centre of voxel [0, 0, 0] in the gantry frame, mm.
+    row_step, column_step : tuple of float
+        (3,) unit vectors in the gantry frame from one row, or column, to the next.
+    """
+
+    shape: tuple[int, int, int]
+    slice_mm: float
+    pixel_mm: float
+    first_voxel_mm: tuple[float, float, float]
+    row_step: tuple[float, float, float]
+    column_step: tuple[float, float, float]
+
+    def voxel_of(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """(..., 3) slice, row and column of gantry points (..., 3) in mm.
+
+        Whole numbers are voxel centres; a point may lie outside of the volume.
+        """
+        offset = np.asarray(points_mm, np.float64) - np.array(self.first_voxel_mm)
+        return np.stack(
+            [
+                offset[..., 2] / self.slice_mm,
+                offset @ np.array(self.row_step) / self.pixel_mm,
+                offset @ np.array(self.column_step) / self.pixel_mm,
+            ],
+            axis=-1,
+        )
+
+    def gantry_from_voxel(self, voxels: ArrayLike) -> NDArray[np.float64]:
+        """(..., 3) gantry points in mm of slices, rows and columns (..., 3)."""
+        index = np.asarray(voxels, np.float64)
+        slices, rows, columns = (index[..., axis, None] for axis in range(3))
+        return np.array(self.first_voxel_mm) + (
+            slices * self.slice_mm * np.array([0.0, 0.0, 1.0])
+            + rows * self.pixel_mm * np.array(self.row_step)
+            + columns * self.pixel_mm * np.array(self.column_step)
+        )
+
+    @property
+    def voxels(self) -> int:
+        """Number of voxels."""
+        return math.prod(self.shape)
+
+
+def volume_grid(
+    gantry: Gantry, thickness_mm: float, slice_mm: float, pixel_mm: float | None = None
+) -> VolumeGrid:
+    """Slices that fill the space between support and paddle above a detector.
+
+    Parameters
+    ----------
+    gantry : Gantry
+        Of any projection of the series; its detector bounds rows and columns.
+    thickness_mm : float
+        Distance between support and paddle, mm.
+    slice_mm : float
+        Distance between slices, mm.
+    pixel_mm : float, optional
+        Pixel size within a slice, mm; default: that of the detector.
+
+    Returns
+    -------
+    VolumeGrid
+
+    Notes
+    -----
+    The beam diverges, so that what is imaged at the detector's far edge lies further inwards in
+    the breast: the detector's own extent holds all that is projected onto it from above.
+    """
+    pixel = gantry.pixel_mm if pixel_mm is None else pixel_mm
+    rows = max(1, math.ceil(gantry.rows * gantry.pixel_mm / pixel - 1e-6))
+    columns = max(1, math.ceil(gantry.columns * gantry.pixel_mm / pixel - 1e-6))
+    slices = max(1, math.ceil(thickness_mm / slice_mm - 1e-6))
+    corner, down, right = (
+        gantry.detector_xy_mm(row, column) for row, column in ((0, 0), (1, 0), (0, 1))
+    )
+    row_step = (down - corner) / gantry.pixel_mm
+    column_step = (right - corner) / gantry.pixel_mm
+    shift = 0.5 * (pixel - gantry.pixel_mm)
+    first = corner + shift * (row_step + column_step)
+    return VolumeGrid(
+        (slices, rows, columns),
+        slice_mm,
+        pixel,
+        (float(first[0]), float(first[1]), 0.5 * slice_mm),
+        (float(row_step[0]), float(row_step[1]), 0.0),
+        (float(column_step[0]), float(column_step[1]), 0.0),
+    )
