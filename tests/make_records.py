@@ -177,6 +177,10 @@ def make_mammogram(view: View, *, seed: int = 1, force_n: float = 91.3) -> Mammo
         air_kerma_mgy=5.31,
         dose_mgy=1.4567,
         grid=True,
-        measures={"density_percent": 17.3, "scatter_to_primary": 0.12},
+        measures={
+            "density_percent": 17.3,
+            "volumetric_density_percent": 17.3,
+            "scatter_to_primary": 0.12,
+        },
         notes=(),
     )

@@ -40,7 +40,7 @@ def test_a_run_leaves_every_file_of_the_contract(finished):
     }
     view = {
         "for_processing.dcm", "for_presentation.dcm", "mammogram.tif", "preview.png",
-        "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm",
+        "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm", "lesion_outlines.dcm",
         "compressed.nii.gz", "displacement.nii.gz",
         "convergence.csv", "compression.json", "lattice.nii.gz", "geometry.json",
     }  # fmt: skip

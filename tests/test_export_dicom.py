@@ -9,7 +9,9 @@ import subprocess
 import numpy as np
 import pydicom
 import pytest
+import SimpleITK
 from make_records import THICKNESS_MM, make_mammogram
+from naive.hanging import hang
 
 from mammosim.export import ExportSettings, StudyIdentity, write_dicom
 from mammosim.export.orientation import patient_orientation, positioner_angle_deg
@@ -137,11 +139,61 @@ def test_pixels_come_back_as_they_were(written):
     )
 
 
-def test_the_full_range_of_16_bits_survives(written):
-    extremes = np.array([[0, 1], [65534, 65535]], dtype=np.uint16)
+@pytest.mark.parametrize(("intent", "bits"), [("processing", 14), ("presentation", 12)])
+def test_the_full_range_survives_and_bits_stored_is_its(written, intent, bits):
+    top = 2**bits - 1
+    extremes = np.array([[0, 1], [top - 1, top]], dtype=np.uint16)
     gantry = dataclasses.replace(make_mammogram(VIEWS[0]).gantry, rows=2, columns=2)
-    dataset = written(VIEWS[0], "processing", for_processing=extremes, gantry=gantry)
+    dataset = written(VIEWS[0], intent, gantry=gantry, **{f"for_{intent}": extremes})
+    assert (dataset.BitsAllocated, dataset.BitsStored, dataset.HighBit) == (16, bits, bits - 1)
     np.testing.assert_array_equal(dataset.pixel_array, extremes)
+    with pytest.raises(ValueError, match=f"found {top + 1}, expected at most {top}"):
+        written(VIEWS[0], intent, gantry=gantry, **{f"for_{intent}": extremes + np.uint16(1)})
+
+
+def test_itk_reads_the_pixels_as_it_turns_them(written):
+    """ITK shows MONOCHROME1 as 2^BitsStored - 1 - v; with the exact bits nothing else happens."""
+    view = VIEWS[0]
+    mammogram = make_mammogram(view)
+    raw = SimpleITK.GetArrayFromImage(SimpleITK.ReadImage(written(view, "processing").filename))
+    np.testing.assert_array_equal(raw.squeeze(), 2**14 - 1 - mammogram.for_processing.astype(int))
+    shown = SimpleITK.GetArrayFromImage(SimpleITK.ReadImage(written(view, "presentation").filename))
+    np.testing.assert_array_equal(shown.squeeze(), mammogram.for_presentation)
+
+
+def test_a_hanging_protocol_finds_each_view(written):
+    """Both intents of four views: each slot shows its own view, for presentation."""
+    views = [View(name, side) for name in ("MLO", "CC") for side in "LR"]
+    exam = [written(view, intent) for view in views for intent in INTENTS]
+    shown = hang(exam)
+    for slot, dataset in shown.items():
+        assert dataset.ImageLaterality + dataset.ViewPosition == slot
+        assert dataset.PresentationIntentType == "FOR PRESENTATION"
+    numbered = sorted(exam, key=lambda dataset: int(dataset.SeriesNumber))
+    assert [dataset.SeriesDescription for dataset in numbered] == [
+        "R CC", "L CC", "R MLO", "L MLO", "R CC for processing", "L CC for processing",
+        "R MLO for processing", "L MLO for processing",
+    ]  # fmt: skip
+
+
+def test_the_unit_is_described(written):
+    measures = {"pressure_kpa": 11.24, "contact_area_mm2": 8123.4, "exposure_index": 412.3}
+    dataset = written(
+        VIEWS[0], "presentation", detector="CsI-100", focal_spot_mm=0.3, measures=measures,
+        automatic_exposure=False,
+    )  # fmt: skip
+    assert dataset.DetectorType == "SCINTILLATOR"
+    assert dataset.FocalSpots == 0.3
+    assert dataset.ExposureControlMode == "MANUAL"
+    assert dataset.RelativeXRayExposure == 412
+    assert float(dataset.CompressionPressure) == 11.24
+    assert float(dataset.CompressionContactArea) == 8123.4
+    assert dataset.StationName == "MAMMOSIM"
+    # Time and current give the tube load back, to the rounding of whole milliseconds.
+    load_mas = dataset.ExposureTime * dataset.XRayTubeCurrent / 1e3
+    assert load_mas == pytest.approx(90.123, abs=0.06)
+    assert "VOILUTFunction" not in dataset
+    assert written(VIEWS[0], "processing", detector="a-Se-70").DetectorType == "DIRECT"
 
 
 def test_gland_is_white_in_both_intents(written):
@@ -224,7 +276,7 @@ def test_objects_of_a_run_share_the_study_and_nothing_more(written):
     datasets = [written(view, intent) for view in VIEWS[:4] for intent in INTENTS]
     assert len({dataset.StudyInstanceUID for dataset in datasets}) == 1
     assert len({dataset.PatientID for dataset in datasets}) == 1
-    assert len({dataset.SeriesInstanceUID for dataset in datasets}) == len(INTENTS)
+    assert len({dataset.SeriesInstanceUID for dataset in datasets}) == len(datasets)
     assert len({dataset.SOPInstanceUID for dataset in datasets}) == len(datasets)
     assert all(dataset.SOPInstanceUID.is_valid for dataset in datasets)
 

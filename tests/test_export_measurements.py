@@ -66,12 +66,18 @@ def test_the_validator_finds_nothing_and_a_reader_the_template(tmp_path, view):
 @pytest.mark.parametrize("view", VIEWS, ids=lambda view: view.folder)
 def test_numbers_and_ids_are_those_of_masks_and_table(tmp_path, view):
     masks, report = write(view, tmp_path)
-    groups = items(report, "Measurement Group")
+    *groups, density = items(report, "Measurement Group")
+    share = items(density, "Percent Fibroglandular Tissue")[0].MeasuredValueSequence[0]
+    assert float(share.NumericValue) == 17.3
+    gantry = make_mammogram(view).gantry
+    spacing_mm = PIXEL_MM * (1.0 - gantry.support_to_detector_mm / gantry.source_to_detector_mm)
     for lesion, group in zip(masks, groups, strict=True):
         identifier = items(group, "Tracking Identifier")[0].TextValue
         assert identifier == f"{lesion.target.target_id} {lesion.target.name}"
         area = items(group, "Area")[0].MeasuredValueSequence[0]
-        assert float(area.NumericValue) == lesion.mask.sum() * PIXEL_MM**2
+        # Written with four decimals, in the scale of the image's Pixel Spacing.
+        expected = lesion.mask.sum() * spacing_mm**2
+        assert float(area.NumericValue) == pytest.approx(expected, abs=5e-5)
         assert area.MeasurementUnitsCodeSequence[0].CodeValue == "mm2"
         volume = items(group, "Volume")[0].MeasuredValueSequence[0]
         # Written with four decimals.
@@ -85,7 +91,7 @@ def test_it_refers_to_the_segmentations_frames_and_the_image(tmp_path):
     write_dicom(make_mammogram(view), "presentation", tmp_path / "i.dcm", STUDY, SETTINGS)
     segmentation = pydicom.dcmread(tmp_path / "seg.dcm")
     image = pydicom.dcmread(tmp_path / "i.dcm")
-    for number, group in enumerate(items(report, "Measurement Group")):
+    for number, group in enumerate(items(report, "Measurement Group")[:-1]):  # then the density
         frame = items(group, "Referenced Segmentation Frame")[0].ReferencedSOPSequence[0]
         assert frame.ReferencedSOPInstanceUID == segmentation.SOPInstanceUID
         shown = segmentation.pixel_array[frame.ReferencedFrameNumber - 1]
@@ -103,7 +109,7 @@ def test_lesions_outside_the_image_are_left_out(tmp_path):
     masks = lesion_masks(make_paths(view), make_targets(view))
     masks[0] = LesionMask(masks[0].target, np.zeros_like(masks[0].mask))
     _, report = write(view, tmp_path, masks)
-    groups = items(report, "Measurement Group")
+    groups = items(report, "Measurement Group")[:-1]  # the last is the density's
     assert [items(g, "Tracking Identifier")[0].TextValue[0] for g in groups] == ["2", "3"]
 
 

@@ -137,7 +137,8 @@ def test_a_views_folder_holds_the_promised_files_and_reruns_are_identical(tmp_pa
     files = write_folder(tmp_path / "RMLO", ExportSettings())
     assert set(files) == {
         "for_processing.dcm", "for_presentation.dcm", "mammogram.tif", "preview.png",
-        "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm", "compressed.nii.gz",
+        "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm", "lesion_outlines.dcm",
+        "compressed.nii.gz",
         "displacement.nii.gz", "lattice.nii.gz", "convergence.csv", "compression.json",
         "geometry.json",
     }  # fmt: skip

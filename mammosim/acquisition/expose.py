@@ -121,9 +121,13 @@ def mammogram_of(
             "scatter_to_primary_ratio": arrival.scatter_to_primary,
             **_quality(exposure, detector_kerma),
             **_breast(coarse, factors),
+            **_contact(paths),
             "counts_per_kev": counts_per_kev,
         },
         notes=factors.notes,
+        detector=settings.detector,
+        focal_spot_mm=settings.focal_spot_mm,
+        automatic_exposure=settings.mas is None,
     )
 
 
@@ -153,6 +157,14 @@ def _quality(exposure: Exposure, detector_kerma_mgy: float) -> dict[str, float]:
         # beam instead of the standard's.
         "exposure_index": 100.0 * transmission * detector_kerma_mgy * 1000.0,
     }
+
+
+def _contact(paths: PathLengths) -> dict[str, float]:
+    """Contact under the paddle, where the compressed breast is at hand."""
+    if paths.breast is None:
+        return {}
+    measures = paths.breast.measures
+    return {key: measures[key] for key in ("contact_area_mm2", "pressure_kpa") if key in measures}
 
 
 def _breast(coarse: CoarsePaths, factors: DoseFactors) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -44,6 +45,12 @@ class Mammogram:
         Other numbers of the picture (scatter-to-primary ratio, noise, density, ...).
     notes : tuple of str
         Warnings, one sentence each.
+    detector : str
+        Name of the detector, of `DETECTORS`; empty where it is not known.
+    focal_spot_mm : float
+        Nominal size of the focal spot, mm.
+    automatic_exposure : bool
+        Whether exposure control chose the tube load.
     """
 
     for_processing: NDArray[np.uint16]
@@ -64,3 +71,6 @@ class Mammogram:
     grid: bool
     measures: Mapping[str, float]
     notes: tuple[str, ...] = ()
+    detector: str = ""
+    focal_spot_mm: float = math.nan
+    automatic_exposure: bool = True

@@ -65,7 +65,10 @@ def mammogram_dataset(
         modules.positioning(mammogram),
         modules.technique(mammogram),
         modules.processing() if raw else modules.presentation(mammogram, study),
-        modules.pixel_data(mammogram.for_processing if raw else mammogram.for_presentation),
+        modules.pixel_data(
+            mammogram.for_processing if raw else mammogram.for_presentation,
+            modules.BITS_STORED[intent],
+        ),
     )
     dataset = Dataset()
     for module in filled:

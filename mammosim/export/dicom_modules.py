@@ -16,11 +16,11 @@ from pydicom.uid import (
 )
 
 from mammosim._version import VERSION
-from mammosim.acquisition import Mammogram
+from mammosim.acquisition import DETECTORS, Mammogram
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.orientation import VIEW_CODES, patient_orientation, positioner_angle_deg
 from mammosim.export.settings import ExportSettings
-from mammosim.geometry import View
+from mammosim.geometry import Gantry, View
 
 Intent = Literal["processing", "presentation"]
 
@@ -30,11 +30,15 @@ SOP_CLASS = {
 }
 """SOP Class of each intent."""
 
-SERIES_NUMBER = {"processing": 1, "presentation": 2, "segmentation": 3, "measurements": 4}
-"""Series Number of each kind of object."""
+_FIRST_SERIES = {
+    "presentation": 1, "processing": 101, "state": 201, "segmentation": 301, "measurements": 401,
+}  # fmt: skip
 
 # Order in which a reader looks at a study: right before left, CC before MLO.
 _READING_ORDER = ("RCC", "LCC", "RMLO", "LMLO", "RML", "LML")
+
+BITS_STORED = {"processing": 14, "presentation": 12}
+"""Bits of a pixel of each intent."""
 
 # Defined Terms of Anode Target Material (0018,1191) and Filter Material (0018,7050).
 _MATERIAL_TERM = {
@@ -47,6 +51,13 @@ DERIVATION = (
     "projected through it by mammosim. No patient was imaged."
 )
 """Derivation Description."""
+
+# Defined Terms of Detector Type (0018,7004) by converter.
+_DETECTOR_TYPE = {"Se": "DIRECT", "CsI": "SCINTILLATOR"}
+
+# Of mammography tubes with their large focal spot; it only divides the tube load into a current
+# and a time. Assumed.
+TUBE_CURRENT_MA = 100.0
 
 _EVENTS = ("Study", "Series", "Acquisition", "Content", "InstanceCreation")
 
@@ -91,6 +102,25 @@ def long_string(text: str) -> str:
     return line.encode("utf-8")[:64].decode("utf-8", errors="ignore")
 
 
+def series_of(study: StudyIdentity, kind: str, view: View) -> tuple[str, int]:
+    """Series Instance UID and Series Number of one kind of object of one view.
+
+    One series a view and kind, since viewers hang series, not images: all that is for
+    presentation first, in the order in which a reader looks at a study.
+    """
+    number = _FIRST_SERIES[kind] + _READING_ORDER.index(view.folder)
+    return study.uid("series", kind, view.folder), number
+
+
+def series_description(view: View, suffix: str = "") -> str:
+    """Series Description, which begins with side and view, as `R MLO`.
+
+    Hanging protocols look for these words (OHIF's mammography protocol gives them more weight than
+    the coded view).
+    """
+    return f"{view.laterality} {view.name}{suffix}"
+
+
 def identification(
     study: StudyIdentity, settings: ExportSettings, series: str, view: View
 ) -> dict[str, Any]:
@@ -100,9 +130,10 @@ def identification(
     ----------
     study : StudyIdentity
     settings : ExportSettings
-    series : {"processing", "presentation", "segmentation", "measurements"}
+    series : {"processing", "presentation", "state", "segmentation", "measurements"}
     view : View
     """
+    series_uid, series_number = series_of(study, series, view)
     return {
         "SpecificCharacterSet": "ISO_IR 192",
         "PatientName": study.patient_name,
@@ -117,13 +148,14 @@ def identification(
         "ReferringPhysicianName": "",
         **{f"{event}Date": settings.date for event in _EVENTS},
         **{f"{event}Time": "000000" for event in _EVENTS},
-        "SeriesInstanceUID": study.uid("series", series),
-        "SeriesNumber": SERIES_NUMBER[series],
-        "InstanceNumber": _READING_ORDER.index(view.folder) + 1,
+        "SeriesInstanceUID": series_uid,
+        "SeriesNumber": series_number,
+        "InstanceNumber": 1,
         "Manufacturer": "mammosim",
         "ManufacturerModelName": "mammosim",
         "DeviceSerialNumber": "simulated",
         "SoftwareVersions": VERSION,
+        "StationName": "MAMMOSIM",
     }
 
 
@@ -135,7 +167,9 @@ def image(study: StudyIdentity, intent: Intent, view: View) -> dict[str, Any]:
     return {
         "Modality": "MG",
         "PresentationIntentType": f"FOR {intent.upper()}",
-        "SeriesDescription": f"Simulated mammogram, for {intent}",
+        "SeriesDescription": series_description(
+            view, "" if intent == "presentation" else " for processing"
+        ),
         "PatientOrientation": patient_orientation(view),
         "BodyPartExamined": "BREAST",
         "ImageLaterality": view.laterality,
@@ -159,7 +193,7 @@ def detector(mammogram: Mammogram) -> dict[str, Any]:
     gantry = mammogram.gantry
     pitch = decimal_string(gantry.pixel_mm)
     return {
-        "DetectorType": "",
+        "DetectorType": _DETECTOR_TYPE.get(_converter(mammogram), ""),
         "DetectorDescription": "Simulated flat-panel detector",
         "DetectorID": "simulated",
         "DetectorActiveShape": "RECTANGLE",
@@ -176,6 +210,17 @@ def detector(mammogram: Mammogram) -> dict[str, Any]:
     }
 
 
+def _converter(mammogram: Mammogram) -> str:
+    found = DETECTORS.get(mammogram.detector)
+    return found.material if found else ""
+
+
+def breast_pixel_mm(gantry: Gantry) -> float:
+    """Pixel Spacing of all objects: of an object at the surface of the breast support, mm."""
+    to_support = gantry.source_to_detector_mm - gantry.support_to_detector_mm
+    return gantry.pixel_mm * to_support / gantry.source_to_detector_mm
+
+
 def positioning(mammogram: Mammogram) -> dict[str, Any]:
     """Mammography Image: distances, magnification and angle.
 
@@ -186,7 +231,7 @@ def positioning(mammogram: Mammogram) -> dict[str, Any]:
     gantry = mammogram.gantry
     to_support = gantry.source_to_detector_mm - gantry.support_to_detector_mm
     magnification = gantry.source_to_detector_mm / to_support
-    spacing = decimal_string(gantry.pixel_mm / magnification)
+    spacing = decimal_string(breast_pixel_mm(gantry))
     return {
         "PositionerType": "MAMMOGRAPHIC",
         "PositionerPrimaryAngle": decimal_string(positioner_angle_deg(gantry.view)),
@@ -204,10 +249,17 @@ def technique(mammogram: Mammogram) -> dict[str, Any]:
     """X-Ray Acquisition Dose, Filtration and Grid; what is not known is left out."""
     filter_mm = decimal_string(mammogram.filter_mm)
     dose_dgy = mammogram.dose_mgy / _MGY_PER_DGY
+    spot_mm = mammogram.focal_spot_mm
+    measures = mammogram.measures
     return {
         "KVP": decimal_string(mammogram.kvp),
         "Exposure": _integer_string(mammogram.mas),
         "ExposureInuAs": _integer_string(mammogram.mas * _UAS_PER_MAS),
+        "ExposureTime": _integer_string(1e3 * mammogram.mas / TUBE_CURRENT_MA),
+        "XRayTubeCurrent": _integer_string(TUBE_CURRENT_MA),
+        "ExposureControlMode": "AUTOMATIC" if mammogram.automatic_exposure else "MANUAL",
+        "RelativeXRayExposure": _integer_string(measures.get("exposure_index", math.nan)),
+        "FocalSpots": decimal_string(spot_mm),
         "AnodeTargetMaterial": _material_term(mammogram.target),
         "FilterMaterial": _material_term(mammogram.filter),
         "FilterThicknessMinimum": filter_mm,
@@ -216,6 +268,8 @@ def technique(mammogram: Mammogram) -> dict[str, Any]:
         "Grid": ["RECIPROCATING", "FOCUSED"] if mammogram.grid else "NONE",
         "BodyPartThickness": decimal_string(mammogram.thickness_mm),
         "CompressionForce": decimal_string(mammogram.force_n),
+        "CompressionPressure": decimal_string(measures.get("pressure_kpa", math.nan)),
+        "CompressionContactArea": decimal_string(measures.get("contact_area_mm2", math.nan)),
         "HalfValueLayer": decimal_string(mammogram.hvl_mm_al),
         "OrganDose": decimal_string(dose_dgy),
         "EntranceDoseInmGy": decimal_string(mammogram.air_kerma_mgy),
@@ -234,6 +288,7 @@ def processing() -> dict[str, Any]:
     """DX Image of raw pixels: linear in exposure, shown inverted so that gland is white."""
     return {
         "ImageType": ["ORIGINAL", "PRIMARY"],
+        "AcquisitionDeviceProcessingDescription": "Not flat-fielded, linear in exposure",
         "PhotometricInterpretation": "MONOCHROME1",
         "PixelIntensityRelationship": "LIN",
         "PixelIntensityRelationshipSign": 1,
@@ -251,6 +306,7 @@ def presentation(mammogram: Mammogram, study: StudyIdentity) -> dict[str, Any]:
     source.PurposeOfReferenceCodeSequence = Sequence([purpose])
     return {
         "ImageType": ["DERIVED", "PRIMARY"],
+        "AcquisitionDeviceProcessingDescription": "Logarithm, thickness equalization, tone curve",
         "SourceImageSequence": Sequence([source]),
         "PhotometricInterpretation": "MONOCHROME2",
         "PixelIntensityRelationship": "LOG",
@@ -259,20 +315,25 @@ def presentation(mammogram: Mammogram, study: StudyIdentity) -> dict[str, Any]:
         "WindowCenter": decimal_string(mammogram.window_center),
         "WindowWidth": decimal_string(mammogram.window_width),
         "WindowCenterWidthExplanation": "Standard",
-        "VOILUTFunction": "LINEAR",
     }
 
 
-def pixel_data(pixels: NDArray[np.uint16]) -> dict[str, Any]:
-    """Image Pixel: 16 bits, unsigned."""
+def pixel_data(pixels: NDArray[np.uint16], bits: int) -> dict[str, Any]:
+    """Image Pixel: unsigned, of which as many bits are used as the intent has.
+
+    Bits Stored is exact because some readers (ITK) turn MONOCHROME1 about its largest value.
+    """
     rows, columns = pixels.shape
+    largest = int(pixels.max(initial=0))
+    if largest >> bits:
+        raise ValueError(f"pixel value: found {largest}, expected at most {2**bits - 1}")
     return {
         "SamplesPerPixel": 1,
         "Rows": rows,
         "Columns": columns,
         "BitsAllocated": 16,
-        "BitsStored": 16,
-        "HighBit": 15,
+        "BitsStored": bits,
+        "HighBit": bits - 1,
         "PixelRepresentation": 0,
         "RescaleIntercept": "0",
         "RescaleSlope": "1",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from os import PathLike
 
@@ -15,9 +16,11 @@ from mammosim.acquisition import Mammogram
 from mammosim.export.atomic import whole_file
 from mammosim.export.dicom import mammogram_dataset
 from mammosim.export.dicom_modules import (
-    SERIES_NUMBER,
+    breast_pixel_mm,
     identification,
     long_string,
+    series_description,
+    series_of,
     set_attributes,
 )
 from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
@@ -32,6 +35,13 @@ _TITLE = Code("126000", "DCM", "Imaging Measurement Report")
 _MAMMOGRAPHY = Code("71651007", "SCT", "Mammography")
 _DEVICE = Code("121007", "DCM", "Device")
 
+# PS3.16: "Breast composition" is in CID 6052, 111046 in annex D.
+_COMPOSITION = Code("129715009", "SCT", "Breast composition")
+_FIBROGLANDULAR = Code("111046", "DCM", "Percent Fibroglandular Tissue")
+_PERCENT = Code("%", "UCUM", "percent")
+_BREAST = Code("76752008", "SCT", "Breast")
+_SIDE = {"L": Code("7771000", "SCT", "Left"), "R": Code("24028007", "SCT", "Right")}
+
 # Attributes of images that a report does not have.
 _OF_IMAGES = ("AcquisitionDate", "AcquisitionTime", "PatientComments")
 
@@ -45,7 +55,7 @@ def write_measurements(
     study: StudyIdentity,
     settings: ExportSettings,
 ) -> None:
-    """Write what is known of each lesion in a view as a Comprehensive SR object.
+    """Write what is known of each lesion in a view and of its breast as a Comprehensive SR.
 
     Parameters
     ----------
@@ -63,18 +73,21 @@ def write_measurements(
 
     Notes
     -----
-    One measurement group (TID 1410) a lesion: its shadow's area on the detector, and its volume
-    before compression. It has the tracking identifiers of the segmentation and refers to the
-    lesion's frame in it.
+    One measurement group (TID 1410) a lesion: its shadow's area, and its volume before compression.
+    The area is in the scale of Pixel Spacing, that of an object on the breast support; a lesion
+    above it is smaller than its shadow. A group has the tracking identifiers of the segmentation
+    and refers to the lesion's frame in it. One more group (TID 1501) holds the breast's density.
     """
     view = mammogram.gantry.view
     source = mammogram_dataset(mammogram, "presentation", study, settings)
+    series_uid, series_number = series_of(study, "measurements", view)
     segmentation = segmentation_dataset(masks, mammogram, study, settings)
     groups = [
         _group(number, lesion, mammogram, segmentation, source)
         for number, lesion in enumerate(masks, start=1)
         if lesion.mask.any()
     ]
+    groups.extend(_density(mammogram, study))
     observer = sr.ObserverContext(
         observer_type=_DEVICE,
         observer_identifying_attributes=sr.DeviceObserverIdentifyingAttributes(
@@ -90,8 +103,8 @@ def write_measurements(
     report = sr.ComprehensiveSR(
         evidence=[source, segmentation],
         content=content,
-        series_instance_uid=study.uid("series", "measurements"),
-        series_number=SERIES_NUMBER["measurements"],
+        series_instance_uid=series_uid,
+        series_number=series_number,
         sop_instance_uid=study.uid("image", view.folder, "measurements"),
         instance_number=1,
         manufacturer="mammosim",
@@ -111,7 +124,7 @@ def _group(
     source: Dataset,
 ) -> sr.PlanarROIMeasurementsAndQualitativeEvaluations:
     target, segment = lesion.target, segmentation.SegmentSequence[number - 1]
-    area = float(np.count_nonzero(lesion.mask)) * mammogram.gantry.pixel_mm**2
+    area = float(np.count_nonzero(lesion.mask)) * breast_pixel_mm(mammogram.gantry) ** 2
     measured = [sr.Measurement(name=_AREA, value=round(area, 4), unit=_MM2)]
     if target.volume_mm3 > 0.0:
         volume = round(float(target.volume_mm3), 4)
@@ -138,6 +151,28 @@ def _group(
     )
 
 
+def _density(
+    mammogram: Mammogram, study: StudyIdentity
+) -> list[sr.MeasurementsAndQualitativeEvaluations]:
+    """A group with the volumetric density of the breast, where it is known."""
+    density = mammogram.measures.get("volumetric_density_percent", math.nan)
+    if not math.isfinite(density):
+        return []
+    view = mammogram.gantry.view
+    return [
+        sr.MeasurementsAndQualitativeEvaluations(
+            tracking_identifier=sr.TrackingIdentifier(
+                uid=study.uid("density", view.folder), identifier="Breast density"
+            ),
+            finding_type=_COMPOSITION,
+            finding_sites=[sr.FindingSite(_BREAST, laterality=_SIDE[view.laterality])],
+            measurements=[
+                sr.Measurement(name=_FIBROGLANDULAR, value=round(density, 2), unit=_PERCENT)
+            ],
+        )
+    ]
+
+
 def _segment_number(frame: Dataset, shared: Dataset) -> int:
     """Segment of a frame; where all frames are of one, it may stand with what they share."""
     where = frame if "SegmentIdentificationSequence" in frame else shared
@@ -153,7 +188,7 @@ def _settle(
     """Put in who and when, and take out what the standard does not allow beside a frame number."""
     named = identification(study, settings, "measurements", mammogram.gantry.view)
     set_attributes(report, {key: value for key, value in named.items() if key not in _OF_IMAGES})
-    report.SeriesDescription = "Measurements of the simulated lesions"
+    report.SeriesDescription = series_description(mammogram.gantry.view, " measurements")
     report.file_meta.ImplementationClassUID = IMPLEMENTATION_UID
     report.file_meta.ImplementationVersionName = "MAMMOSIM"
     for equipment in report.get("ContributingEquipmentSequence", ()):

@@ -14,12 +14,21 @@ from mammosim._version import VERSION
 from mammosim.acquisition import Mammogram
 from mammosim.export.atomic import whole_file
 from mammosim.export.dicom import mammogram_dataset
-from mammosim.export.dicom_modules import SERIES_NUMBER, identification, long_string, set_attributes
+from mammosim.export.dicom_modules import (
+    identification,
+    long_string,
+    series_description,
+    series_of,
+    set_attributes,
+)
 from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.orientation import patient_orientation
 from mammosim.export.settings import ExportSettings
 from mammosim.phantom import LESION_KINDS
+
+LESION_COLORS = ("yellow", "cyan", "magenta", "lime", "orange", "deepskyblue")
+"""Recommended display colours of segments (names of CSS), in turn."""
 
 # CID 7162 has no word for a projection of known truth; the masks come from a deformed model.
 _FAMILY = Code("123111", "DCM", "Deformable Models")
@@ -75,6 +84,7 @@ def segmentation_dataset(
     """Make the segmentation; the parameters are `write_segmentation`'s."""
     view = mammogram.gantry.view
     source = mammogram_dataset(mammogram, "presentation", study, settings)
+    series_uid, series_number = series_of(study, "segmentation", view)
     segmentation = hd.seg.Segmentation(
         source_images=[source],
         pixel_array=np.stack([lesion.mask for lesion in masks], axis=-1)[np.newaxis],
@@ -82,15 +92,14 @@ def segmentation_dataset(
         segment_descriptions=[
             _description(number, lesion, study) for number, lesion in enumerate(masks, start=1)
         ],
-        series_instance_uid=study.uid("series", "segmentation"),
-        series_number=SERIES_NUMBER["segmentation"],
+        series_instance_uid=series_uid,
+        series_number=series_number,
         sop_instance_uid=study.uid("image", view.folder, "segmentation"),
         instance_number=1,
         manufacturer="mammosim",
         manufacturer_model_name="mammosim",
         software_versions=VERSION,
         device_serial_number="simulated",
-        # A projection has no slices; readers ask for a thickness all the same.
         pixel_measures=hd.PixelMeasuresSequence(
             pixel_spacing=source.PixelSpacing, slice_thickness=mammogram.thickness_mm
         ),
@@ -123,6 +132,8 @@ def _description(
         tracking_id=long_string(f"{target.target_id} {target.name}"),
         anatomic_regions=[Code("76752008", "SCT", "Breast")],
     )
+    color = LESION_COLORS[(number - 1) % len(LESION_COLORS)]
+    description.RecommendedDisplayCIELabValue = list(hd.color.CIELabColor.from_string(color).value)
     description.SegmentDescription = f"target_id {target.target_id} of lesions.csv"
     return description
 
@@ -133,7 +144,10 @@ def _settle(
     """Put in what highdicom leaves out, and replace the clock and its random UIDs."""
     view = mammogram.gantry.view
     set_attributes(segmentation, identification(study, settings, "segmentation", view))
-    segmentation.SeriesDescription = "Where each simulated lesion projects"
+    segmentation.SeriesDescription = series_description(view, " lesion masks")
+    # The spacing is that of the image referred to. highdicom writes none without a slice thickness,
+    # but a projection has none, and viewers that find one make a volume of the shadow.
+    del segmentation.SharedFunctionalGroupsSequence[0].PixelMeasuresSequence
     segmentation.PatientOrientation = patient_orientation(view)
     segmentation.file_meta.ImplementationClassUID = IMPLEMENTATION_UID
     segmentation.file_meta.ImplementationVersionName = "MAMMOSIM"

@@ -26,6 +26,7 @@ from mammosim.export.pictures import (
     write_mammogram_tiff,
     write_preview,
 )
+from mammosim.export.presentation_state import write_presentation_state
 from mammosim.export.segmentation import write_segmentation
 from mammosim.export.settings import ExportSettings
 from mammosim.export.tables import write_compression, write_convergence
@@ -124,6 +125,8 @@ def write_images(
         if any(lesion.mask.any() for lesion in masks):
             file = folder / "lesion_measurements.dcm"
             write_measurements(masks, mammogram, file, study, settings)
+            file = folder / "lesion_outlines.dcm"
+            write_presentation_state(masks, mammogram, file, study, settings)
     if settings.tiff:
         write_mammogram_tiff(mammogram, folder / "mammogram.tif")
         write_lesion_tiff(masks, mammogram, folder / "lesion_mask.tif")

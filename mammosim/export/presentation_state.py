@@ -1,0 +1,163 @@
+"""Outlines and names of the lesions as a DICOM presentation state, for viewers that hide masks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from os import PathLike
+
+import highdicom as hd
+import numpy as np
+from contourpy import LineType, contour_generator
+from highdicom import pr
+from numpy.typing import NDArray
+from pydicom import Dataset
+
+from mammosim._version import VERSION
+from mammosim.acquisition import Mammogram
+from mammosim.export.atomic import whole_file
+from mammosim.export.dicom import mammogram_dataset
+from mammosim.export.dicom_modules import (
+    identification,
+    long_string,
+    series_description,
+    series_of,
+    set_attributes,
+)
+from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
+from mammosim.export.lesion_masks import LesionMask
+from mammosim.export.settings import ExportSettings
+
+GAP_PX = 12.0
+"""Between a lesion's outline and its name, pixels."""
+
+# Attributes of images that a presentation state does not have.
+_OF_IMAGES = ("AcquisitionDate", "AcquisitionTime", "PatientComments")
+
+
+def write_presentation_state(
+    masks: Sequence[LesionMask],
+    mammogram: Mammogram,
+    path: str | PathLike[str],
+    study: StudyIdentity,
+    settings: ExportSettings,
+) -> None:
+    """Write the lesions' outlines and names as a Grayscale Softcopy Presentation State.
+
+    Parameters
+    ----------
+    masks : sequence of LesionMask
+        At least one of them with a pixel; those without are left out.
+    mammogram : Mammogram
+    path : path
+    study : StudyIdentity
+    settings : ExportSettings
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    state = presentation_state_dataset(masks, mammogram, study, settings)
+    with whole_file(path) as part:
+        state.save_as(part, enforce_file_format=True)
+
+
+def presentation_state_dataset(
+    masks: Sequence[LesionMask],
+    mammogram: Mammogram,
+    study: StudyIdentity,
+    settings: ExportSettings,
+) -> pr.GrayscaleSoftcopyPresentationState:
+    """Make the presentation state; the parameters are `write_presentation_state`'s."""
+    view = mammogram.gantry.view
+    source = mammogram_dataset(mammogram, "presentation", study, settings)
+    series_uid, series_number = series_of(study, "state", view)
+    layer = pr.GraphicLayer("LESIONS", 1, "Simulated lesions")
+    state = pr.GrayscaleSoftcopyPresentationState(
+        referenced_images=[source],
+        series_instance_uid=series_uid,
+        series_number=series_number,
+        sop_instance_uid=study.uid("image", view.folder, "state"),
+        instance_number=1,
+        manufacturer="mammosim",
+        manufacturer_model_name="mammosim",
+        software_versions=VERSION,
+        device_serial_number="simulated",
+        content_label="LESIONS",
+        content_description="Outlines of the simulated lesions",
+        graphic_layers=[layer],
+        graphic_annotations=[
+            _annotation(lesion, layer, source, study) for lesion in masks if lesion.mask.any()
+        ],
+        voi_lut_transformations=[
+            pr.SoftcopyVOILUTTransformation(
+                window_center=mammogram.window_center, window_width=mammogram.window_width
+            )
+        ],
+    )
+    _settle(state, mammogram, study, settings)
+    return state
+
+
+def outlines(mask: NDArray[np.bool_]) -> Iterator[NDArray[np.float64]]:
+    """Closed outlines of a mask, (n, 2) column and row each, whole numbers at pixel centres."""
+    rows, columns = np.nonzero(mask.any(axis=1))[0], np.nonzero(mask.any(axis=0))[0]
+    top, left = rows[0], columns[0]
+    inside = np.pad(mask[top : rows[-1] + 1, left : columns[-1] + 1], 1).astype(np.float32)
+    lines = contour_generator(z=inside, line_type=LineType.Separate).lines(0.5)
+    for line in lines:
+        yield np.asarray(line) + np.array([left - 1.0, top - 1.0])
+
+
+def _annotation(
+    lesion: LesionMask, layer: pr.GraphicLayer, source: Dataset, study: StudyIdentity
+) -> pr.GraphicAnnotation:
+    target = lesion.target
+    named = {
+        "tracking_id": long_string(f"{target.target_id} {target.name}"),
+        "tracking_uid": study.uid("lesion", str(target.target_id)),
+    }
+    lines = list(outlines(lesion.mask))
+    # DICOM counts pixels from 1, their upper left corner being 0.5 (PS3.3 C.10.5.1).
+    graphics = [
+        pr.GraphicObject(
+            graphic_type=pr.GraphicTypeValues.POLYLINE, graphic_data=line + 1.0, units="PIXEL",
+            **named,
+        )
+        for line in lines
+    ]  # fmt: skip
+    corner = np.concatenate(lines).max(axis=0) + 1.0
+    rows, columns = lesion.mask.shape
+    anchor = np.clip(corner + GAP_PX, 1.0, [columns, rows])
+    text = pr.TextObject(
+        text_value=long_string(target.name),
+        units="PIXEL",
+        anchor_point=(float(anchor[0]), float(anchor[1])),
+        anchor_point_visible=False,
+        **named,
+    )
+    return pr.GraphicAnnotation(
+        referenced_images=[source],
+        graphic_layer=layer,
+        graphic_objects=graphics,
+        text_objects=[text],
+    )
+
+
+def _settle(
+    state: hd.pr.GrayscaleSoftcopyPresentationState,
+    mammogram: Mammogram,
+    study: StudyIdentity,
+    settings: ExportSettings,
+) -> None:
+    """Put in who and when, in place of the clock."""
+    view = mammogram.gantry.view
+    named = {**identification(study, settings, "state", view), "Laterality": view.laterality}
+    set_attributes(state, {key: value for key, value in named.items() if key not in _OF_IMAGES})
+    state.SeriesDescription = series_description(view, " lesion outlines")
+    state.PresentationCreationDate = settings.date
+    state.PresentationCreationTime = "000000"
+    state.file_meta.ImplementationClassUID = IMPLEMENTATION_UID
+    state.file_meta.ImplementationVersionName = "MAMMOSIM"
+    for equipment in state.get("ContributingEquipmentSequence", ()):
+        equipment.ContributionDateTime = f"{settings.date}000000"
