@@ -11,6 +11,10 @@ _MQSA = (
     "21 CFR 900.12(e)(4)(iii): the initial power drive of a mammography unit reaches a maximum "
     "compression force between 111 and 200 N"
 )
+LOW_FORCE_N = 20.0
+"""Force on the paddle below which it hardly compresses, N. Assumed: the least of 560 women had 49 N
+(Sullivan et al. 1991)."""
+
 _CONTRACT = "assumed: the largest loss of the published cases of this model is 14 %"
 
 
@@ -46,7 +50,7 @@ class Limit:
 
 LIMITS: tuple[Limit, ...] = (
     Limit(
-        "paddle_force_n", "force on the paddle", "N", 20.0, 200.0, 2000.0,
+        "paddle_force_n", "force on the paddle", "N", LOW_FORCE_N, 200.0, 2000.0,
         "a real paddle does not reach it; check thickness, stiffness and the plates' edge",
         f"high: {_MQSA}. Low and error: assumed; 49 to 186 N were measured in 560 women "
         "(Sullivan et al. 1991, Radiology 181:355)",

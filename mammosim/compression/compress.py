@@ -9,6 +9,7 @@ import numpy as np
 
 from mammosim._jit import one_blas_thread
 from mammosim.compression.breast import CompressedBreast
+from mammosim.compression.credibility import believed
 from mammosim.compression.hyperelastic_model import HYPERELASTIC
 from mammosim.compression.keys import CompressionKeys
 from mammosim.compression.model import MODELS
@@ -60,7 +61,8 @@ def compress(
         If a setting is wrong or does not fit the breast, or a lesion lies where this view does
         not hold the breast.
     NotConverged
-        If the solver stopped before its tolerance; it carries what was reached.
+        If the solver stopped before its tolerance, or reached what cannot be a result (see
+        `mammosim.plausibility`); it carries what was reached.
     Interrupted
         If the user stopped it; it carries what was reached.
     """
@@ -75,4 +77,4 @@ def compress(
     if not squeezed.converged:
         reason = model.where_it_stopped(squeezed, settings)
         raise NotConverged(f"{view.folder}: {reason}", squeezed)
-    return squeezed
+    return believed(squeezed, settings)

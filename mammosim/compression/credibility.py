@@ -2,55 +2,64 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 
 from mammosim.compression.breast import CompressedBreast
+from mammosim.compression.model import MODELS
 from mammosim.compression.settings import CompressionSettings
-from mammosim.plausibility import Doubt, doubts
+from mammosim.errors import NotConverged
+from mammosim.plausibility import LOW_FORCE_N, doubts
 
 
-def compression_doubts(
-    compressed: CompressedBreast, settings: CompressionSettings
-) -> tuple[Doubt, ...]:
-    """Numbers of a compression outside their plausible range.
+def believed(compressed: CompressedBreast, settings: CompressionSettings) -> CompressedBreast:
+    """A converged compression with its doubts among its notes.
 
     Parameters
     ----------
     compressed : CompressedBreast
     settings : CompressionSettings
-        A low force is plausible where a force was asked for; forces need not balance under gravity.
 
     Returns
     -------
-    tuple of Doubt
+    CompressedBreast
+
+    Raises
+    ------
+    NotConverged
+        If a number lies beyond what any result may have; it carries the breast, marked as not
+        converged.
     """
-    quantities = {"compressed_thickness_mm": compressed.thickness_mm}
-    if compressed.model != "none":
-        quantities |= _contact(compressed, settings) | _deformation(compressed)
-    return doubts(quantities)
+    model = MODELS[compressed.model]
+    quantities = {
+        "compressed_thickness_mm": compressed.thickness_mm,
+        **model.quantities(compressed, settings),
+    }
+    found = doubts(quantities)
+    compressed = replace(compressed, notes=(*compressed.notes, *(str(doubt) for doubt in found)))
+    refused = [str(doubt) for doubt in found if doubt.severity == "error"]
+    if refused:
+        reason = "; ".join(refused)
+        raise NotConverged(
+            f"{compressed.view.folder}: no credible result: {reason}",
+            replace(compressed, converged=False),
+        )
+    return compressed
 
 
-def _contact(compressed: CompressedBreast, settings: CompressionSettings) -> dict[str, float]:
+def contact_quantities(
+    compressed: CompressedBreast, settings: CompressionSettings
+) -> dict[str, float]:
+    """Force and pressure of the plates, for the table of limits.
+
+    A low force is plausible where a force was asked for, and the forces on paddle and support need
+    not balance under gravity.
+    """
     measures = compressed.measures
     paddle_n, support_n = measures["force_n"], measures["support_force_n"]
-    asked_for = settings.force_n is not None
     quantities = {"mean_pressure_kpa": measures["pressure_kpa"]}
-    if not (asked_for and paddle_n < 20.0):
+    if settings.force_n is None or paddle_n >= LOW_FORCE_N:
         quantities["paddle_force_n"] = paddle_n
     largest = max(paddle_n, support_n)
     if not settings.gravity and largest > 0.0:
         quantities["force_imbalance_percent"] = 100.0 * abs(paddle_n - support_n) / largest
     return quantities
-
-
-def _deformation(compressed: CompressedBreast) -> dict[str, float]:
-    measures = compressed.measures
-    folded = measures["inverted_cells"]
-    if compressed.model == "hyperelastic":
-        return {"folded_elements": folded}
-    return {
-        "springs_volume_loss_percent": measures["volume_change_percent"],
-        "springs_folded_percent": 100.0 * folded / max(measures["cells"], 1.0)
-        if math.isfinite(folded)
-        else math.nan,
-    }

@@ -9,6 +9,7 @@ import numpy as np
 
 from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.continuation import continued
+from mammosim.compression.credibility import contact_quantities
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.force_control import reach_force
 from mammosim.compression.hyperelastic.measures import (
@@ -166,10 +167,18 @@ def _seconds(settings: CompressionSettings, nodes: float) -> float:
     return SECONDS_PER_COMPRESSION + nodes * SECONDS_PER_NODE
 
 
+def _quantities(compressed: CompressedBreast, settings: CompressionSettings) -> dict[str, float]:
+    return {
+        **contact_quantities(compressed, settings),
+        "folded_elements": compressed.measures["inverted_cells"],
+    }
+
+
 HYPERELASTIC = MechanicalModel(
     compress_hyperelastic,
     method=lambda settings: "hyperelastic",
     where_it_stopped=_where_it_stopped,
+    quantities=_quantities,
     bytes_per_node=BYTES_PER_NODE,
     seconds=_seconds,
 )

@@ -20,6 +20,9 @@ class MechanicalModel:
         ``method(settings)``: model and solver in a few words, for the plan of a run.
     where_it_stopped : callable
         ``where_it_stopped(compressed, settings)``: how far a solver came that has not converged.
+    quantities : callable
+        ``quantities(compressed, settings)``: numbers to hold against the limits of
+        `mammosim.plausibility`, by the names there.
     own_keys : tuple of str
         Keys of `CompressionSettings` that other models do not know.
     chest_walls : tuple of str
@@ -39,6 +42,7 @@ class MechanicalModel:
     compress: Callable[..., Any]
     method: Callable[[Any], str]
     where_it_stopped: Callable[[Any, Any], str]
+    quantities: Callable[[Any, Any], Mapping[str, float]] = lambda compressed, settings: {}
     own_keys: tuple[str, ...] = ()
     chest_walls: tuple[str, ...] = ("fixed", "sliding")
     compresses: bool = True

@@ -8,6 +8,7 @@ import numpy as np
 
 from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.continuation import continued
+from mammosim.compression.credibility import contact_quantities
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.force_control import reach_force
 from mammosim.compression.model import MechanicalModel
@@ -152,10 +153,20 @@ def _where_it_stopped(compressed: CompressedBreast, settings: CompressionSetting
     )
 
 
+def _quantities(compressed: CompressedBreast, settings: CompressionSettings) -> dict[str, float]:
+    measures = compressed.measures
+    return {
+        **contact_quantities(compressed, settings),
+        "springs_volume_loss_percent": measures["volume_change_percent"],
+        "springs_folded_percent": 100.0 * measures["inverted_cells"] / max(measures["cells"], 1.0),
+    }
+
+
 SPRINGS = MechanicalModel(
     compress_springs,
     method=lambda settings: f"springs, {settings.solver}",
     where_it_stopped=_where_it_stopped,
+    quantities=_quantities,
     own_keys=("spring_law", "gravity", "chest_wall_mm", "plates_voxel"),
     chest_walls=("fixed",),
     bytes_per_node=BYTES_PER_NODE,

@@ -101,10 +101,12 @@ def place_plates(
             f"x = {nodes.max():g} mm; must be smaller"
         )
     if settings.support_z_mm is not None and settings.paddle_z_mm is not None:
+        _check_heights(settings.support_z_mm, settings.paddle_z_mm, lattice, edge_mm, view)
         return Plates(settings.support_z_mm, settings.paddle_z_mm, edge_mm), ()
     thickness = settings.thickness_mm
     notes: tuple[str, ...] = ()
-    height = beyond_edge_height_mm(lattice, edge_mm)
+    low, high = heights_beyond_edge_mm(lattice, edge_mm)
+    height = high - low
     if thickness is None:
         volume_ml = breast_volume_ml(breast)
         fitted = population_thickness_mm(view.name, volume_ml)
@@ -126,13 +128,31 @@ def place_plates(
     return Plates(middle - 0.5 * thickness, middle + 0.5 * thickness, edge_mm), notes
 
 
-def beyond_edge_height_mm(lattice: Lattice, edge_mm: float) -> float:
-    """Height of the tissue between the plates at rest, from face to face, mm."""
+def _check_heights(
+    support_mm: float, paddle_mm: float, lattice: Lattice, edge_mm: float, view: View
+) -> None:
+    """Refuse given heights that do not compress: beside the breast, or wider than it."""
+    low, high = heights_beyond_edge_mm(lattice, edge_mm)
+    found = f"compression.support_z_mm, paddle_z_mm: found {support_mm:g} and {paddle_mm:g}"
+    tissue = f"the breast lies between {low:.1f} and {high:.1f} mm in {view.name}"
+    if not low < 0.5 * (support_mm + paddle_mm) < high:
+        raise InputError(
+            f"{found}, but {tissue}; the middle between the plates must be within, "
+            "or they would push the whole breast out of its place"
+        )
+    if support_mm <= low and paddle_mm >= high:
+        raise InputError(f"{found}, but {tissue}; a plate must touch it")
+
+
+def heights_beyond_edge_mm(lattice: Lattice, edge_mm: float) -> tuple[float, float]:
+    """Lowest and highest face of the tissue between the plates at rest, compression frame, mm."""
     layers = _layers(lattice)
     x = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * layers
     between = lattice.tissue[layers[x > edge_mm][0] :]
     levels = np.flatnonzero(between.any(axis=(0, 1)))
-    return float((levels[-1] - levels[0] + 1) * lattice.frame.spacing_mm[2])
+    spacing = lattice.frame.spacing_mm[2]
+    z = lattice.frame.origin_mm[2] + spacing * levels[[0, -1]]
+    return float(z[0] - 0.5 * spacing), float(z[1] + 0.5 * spacing)
 
 
 def forward_height_mm(lattice: Lattice, edge_mm: float) -> float:
