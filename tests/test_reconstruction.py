@@ -55,7 +55,7 @@ def test_voxels_are_where_the_detector_sees_them(side):
     np.testing.assert_allclose((grid.voxel_of(flat)[:, 1:] + 0.5) * 0.7, edge, atol=1e-9)
 
 
-@pytest.mark.services
+@pytest.mark.service
 @pytest.mark.parametrize("method", ["fdk", "sart"])
 @pytest.mark.parametrize("side", ["L", "R"])
 def test_clips_are_found_at_their_height(method, side):
