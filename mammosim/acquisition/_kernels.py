@@ -13,6 +13,9 @@ from mammosim._jit import Thread, kernel, parallel_kernel, share
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
+# Grey beyond which the sum of base and detail is bent, so that it stays within 0 and 1.
+FINAL_TOE, FINAL_SHOULDER = 0.06, 0.85
+
 
 class Rays(NamedTuple):
     """Tangents of each pixel's ray to the central one.
@@ -179,33 +182,83 @@ def log_attenuation_kernel(
             out_attenuation[row, column] = log(air / max(flat, 1e-6 * air))
 
 
+class ToneCurve(NamedTuple):
+    """How equalized attenuation becomes grey.
+
+    Parameters
+    ----------
+    fat, contrast : float
+        Attenuation (ln) of fat, and of gland above it.
+    fat_grey, gland_grey : float
+        Their grey, as part of the range, on the straight part of the curve.
+    toe, shoulder : float
+        Grey below and above which the curve for the base bends.
+    white : float
+        Grey that the shoulder of the base nears.
+    gain : float
+        Contrast of details over that of the base.
+    edge_start : float
+        Part of the skin line's attenuation from which equalization sets in.
+    """
+
+    fat: float
+    contrast: float
+    fat_grey: float
+    gland_grey: float
+    toe: float
+    shoulder: float
+    white: float
+    gain: float
+    edge_start: float
+
+
+@kernel
+def _edge_part(ratio: float, start: float) -> float:
+    """Part of the missing attenuation that is added: 0 in air, 1 from the skin line inwards."""
+    ramp = min(max((ratio - start) / (1.0 - start), 0.0), 1.0)
+    return ramp * ramp * (3.0 - 2.0 * ramp)
+
+
+@kernel
+def _bent(value: float, toe: float, shoulder: float, white: float) -> float:
+    """`value`, but below the toe it nears 0 and above the shoulder `white`, with no kink."""
+    if value < toe:
+        return toe * exp((value - toe) / toe)
+    if value > shoulder:
+        return white - (white - shoulder) * exp((shoulder - value) / (white - shoulder))
+    return value
+
+
 @parallel_kernel
 def present_kernel(
     thread: Thread,
     attenuation: F32,
-    added: F64,
+    missing: F64,
+    edge: F64,
+    base: F64,
     cell: float,
-    low: float,
-    high: float,
-    bends: tuple[float, float],
+    curve: ToneCurve,
     maximum: float,
     out_pixels: NDArray[np.uint16],
 ) -> None:
-    """Add the coarse correction, interpolated linearly, and show the sum as grey.
+    """Add what the margin lacks, split the sum into base and detail, and show both as grey.
 
-    ``v = (level - low) / (high - low)`` is straight between the two `bends`, toe and shoulder;
-    above the shoulder s the curve nears white as ``1 - (1 - s) exp(-(v - s) / (1 - s))``, below
-    the toe t it nears black as ``t exp((v - t) / t)``, both with the same slope there.
+    `missing` and `base` are coarse and interpolated linearly. The base follows a curve with toe
+    and shoulder; details keep the slope of its straight part, times the gain, and the sum is bent
+    at black and white once more, so that nothing is clipped.
     """
-    toe, shoulder = bends
+    slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
     rows, columns = attenuation.shape
     for row in share(thread, 0, rows):
         for column in range(columns):
-            extra = _interpolated(added, (row + 0.5) / cell - 0.5, (column + 0.5) / cell - 0.5)
-            level = attenuation[row, column] + extra
-            shown = (level - low) / (high - low)
-            if shown < toe:
-                shown = toe * exp((shown - toe) / toe)
-            if shown > shoulder:
-                shown = 1.0 - (1.0 - shoulder) * exp((shoulder - shown) / (1.0 - shoulder))
+            y, x = (row + 0.5) / cell - 0.5, (column + 0.5) / cell - 0.5
+            part = _edge_part(
+                attenuation[row, column] / _interpolated(edge, y, x), curve.edge_start
+            )
+            level = attenuation[row, column] + part * _interpolated(missing, y, x)
+            smooth = _interpolated(base, y, x)
+            straight = curve.fat_grey + slope * (smooth - curve.fat)
+            shown = _bent(straight, curve.toe, curve.shoulder, curve.white)
+            shown += curve.gain * slope * (level - smooth)
+            shown = _bent(shown, FINAL_TOE, FINAL_SHOULDER, 1.0)
             out_pixels[row, column] = int(shown * maximum + 0.5)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def block_mean(image: NDArray[np.float32], cell: int) -> NDArray[np.float64]:
+def block_mean(image: NDArray[np.floating], cell: int) -> NDArray[np.float64]:
     """Mean of each block of `cell` by `cell` pixels; the last of a row or column may be smaller.
 
     Examples
@@ -19,7 +19,7 @@ def block_mean(image: NDArray[np.float32], cell: int) -> NDArray[np.float64]:
     return total / (rows[:, None] * columns[None, :])
 
 
-def block_sum(image: NDArray[np.float32], cell: int) -> NDArray[np.float64]:
+def block_sum(image: NDArray[np.floating], cell: int) -> NDArray[np.float64]:
     """Sum of each block of `cell` by `cell` pixels."""
     rows, columns = (np.arange(0, n, cell) for n in image.shape)
     across = np.add.reduceat(image, columns, axis=1, dtype=np.float64)

@@ -11,6 +11,7 @@ from mammosim._jit import one_blas_thread
 from mammosim.acquisition._kernels import log_attenuation_kernel
 from mammosim.acquisition.coarse import CoarsePaths
 from mammosim.acquisition.dose import DoseFactors, dose_factors
+from mammosim.acquisition.fat_level import fat_attenuation
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Mammogram
 from mammosim.acquisition.presentation import present
@@ -88,7 +89,7 @@ def mammogram_of(
     air_signal = exposure.air_signal * arrival.unit.air_profile
     mean_depth = arrival.unit.weights.mean_depth
     log_attenuation_kernel(signal, air_signal, mean_depth, rays_of(gantry), signal)
-    picture = present(signal, gantry.pixel_mm)
+    picture = present(signal, gantry.pixel_mm, fat_attenuation(arrival), settings.look)
 
     entrance_mm = gantry.source_to_detector_mm - gantry.support_to_detector_mm - paths.thickness_mm
     kerma = beam.kerma_mgy_mas(entrance_mm) * exposure.mas

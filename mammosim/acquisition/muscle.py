@@ -1,7 +1,7 @@
-"""The pectoral muscle in a picture for reading: left out of its levels, and brought down to white.
+"""The pectoral muscle in a For Presentation image, which takes no part in its levels.
 
-In MLO it runs out at a corner of the picture and attenuates several times as much above fat as
-gland does. A grey scale that holds both leaves the breast flat.
+In MLO it fills a corner of the image and attenuates several times as much above fat as gland does.
+A grey scale that holds both would leave the breast flat.
 """
 
 from __future__ import annotations
@@ -26,9 +26,6 @@ MOST_PART = 0.35
 
 EDGE_MM = 2.0
 """Around the muscle, where it thins."""
-
-BASE_MM = 6.0
-"""What is smaller than about half of it, as strands of fat, keeps its contrast in the muscle."""
 
 
 def muscle_of(
@@ -72,26 +69,3 @@ def muscle_of(
         return np.zeros(breast.shape, bool)
     grown: NDArray[np.bool_] = distance_to(muscle) <= EDGE_MM / cell_mm
     return grown & breast
-
-
-def above_level(
-    equalised: NDArray[np.float64], muscle: NDArray[np.bool_], level: float, cell_mm: float
-) -> NDArray[np.float64]:
-    """By how much muscle attenuates more than a level, on the scale of `BASE_MM`; elsewhere 0.
-
-    A median keeps the muscle's edge where it is.
-    """
-    over = np.zeros(equalised.shape)
-    wide = round(BASE_MM / cell_mm) | 1
-    found = ndimage.find_objects(muscle.astype(np.int8))
-    for rows, columns in found:
-        part = (
-            slice(max(rows.start - wide, 0), rows.stop + wide),
-            slice(max(columns.start - wide, 0), columns.stop + wide),
-        )
-        base = ndimage.median_filter(equalised[part], size=wide, mode="nearest")
-        inside = ndimage.gaussian_filter(
-            muscle[part].astype(np.float64), 0.5 * EDGE_MM / cell_mm, mode="nearest"
-        )
-        over[part] = inside * np.maximum(base - level, 0.0)
-    return over

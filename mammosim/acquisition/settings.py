@@ -8,6 +8,7 @@ from typing import Annotated, Self
 from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from mammosim.acquisition.detectors import DETECTORS
+from mammosim.acquisition.looks import LOOKS
 from mammosim.acquisition.scatter import DEFAULT_SCATTER, SCATTER_MODELS
 from mammosim.acquisition.spectrum import FILTER_MM
 from mammosim.acquisition.tube import KVP_RANGE, TARGETS
@@ -56,6 +57,7 @@ Filter = Annotated[str, AfterValidator(_one_of(FILTER_MM)), _names(FILTER_MM)]
 DetectorName = Annotated[str, AfterValidator(_one_of(DETECTORS)), _names(DETECTORS)]
 ScatterModel = Annotated[str, AfterValidator(_one_of(SCATTER_MODELS)), _names(SCATTER_MODELS)]
 Calcification = Annotated[str, AfterValidator(_one_of(CALCIFICATIONS)), _names(CALCIFICATIONS)]
+LookName = Annotated[str, AfterValidator(_one_of(LOOKS)), _names(LOOKS)]
 Voltage = Annotated[float | None, AfterValidator(_voltage)]
 TubeLoad = Annotated[float | None, AfterValidator(_some_dose)]
 Composition = Annotated[str, AfterValidator(_set_or_file)]
@@ -141,6 +143,10 @@ class AcquisitionSettings(Settings):
 
     detector: DetectorName = "a-Se-70"
     """Detector: a-Se-70, a-Se-85 or CsI-100; any works with any pixel."""
+
+    look: LookName = "crisp"
+    """Processing of the For Presentation image: crisp enhances local contrast and leaves the grain
+    visible, soft does little of either. The For Processing image is the same."""
 
     noise: bool = True
     """Whether quantum, electronic and fixed-pattern noise are added."""

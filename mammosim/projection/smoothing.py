@@ -9,9 +9,13 @@ from scipy import ndimage
 from mammosim.geometry import Gantry
 from mammosim.phantom import LESION_KINDS
 from mammosim.projection.channels import Channels
+from mammosim.projection.voxel_map import VoxelMap
 
 SMOOTHING_VOXELS = 0.35
-"""Standard deviation of the smoothing in voxels: what repeats with every voxel is left to 9 %."""
+"""Standard deviation of the smoothing in stretched voxels: a pattern of that period keeps 9 %."""
+
+MAX_STRETCH = 3.0
+"""In-plane stretch is taken no larger than this: beyond it the map is torn, not stretched."""
 
 _REACH = 3.0  # standard deviations at which the smoothing is cut off
 
@@ -20,7 +24,7 @@ def smooth_voxels(
     attenuating_mm: NDArray[np.float32],
     channels: Channels,
     gantry: Gantry,
-    voxel_mm: NDArray[np.float64],
+    voxel_mm: tuple[float, float],
     thickness_mm: float,
 ) -> None:
     """Smooth attenuating lengths in place over the shadow of a voxel.
@@ -30,33 +34,64 @@ def smooth_voxels(
     attenuating_mm : ndarray of float32, [channel, row, column]
     channels : Channels
     gantry : Gantry
-    voxel_mm : ndarray, (3,)
-        Edges of the phantom's voxels, mm; the longest counts.
+    voxel_mm : tuple of float
+        Extent of a compressed voxel along y and x of the compression frame, mm
+        (`stretched_voxel_mm`).
     thickness_mm : float
         Gap between the plates' faces, mm.
 
     Notes
     -----
     A curved surface made of voxels is a staircase. Rays that graze it, as all do near the skin
-    line, see steps that repeat with every voxel and draw a weave into the picture. Nothing finer
-    than a voxel is known of the breast, so a Gaussian of about a third of a voxel, as seen at
-    mid-height, costs little. Voxels no larger than a pixel there are left alone. Sums are kept,
-    but for what crosses the picture's border.
+    line, see steps that repeat with every voxel and draw a weave into the picture. Compression
+    stretches the voxels in the plane of the image. Nothing finer than a voxel is known of the
+    breast, so a Gaussian of about a third of a stretched voxel, as seen at mid-height, costs
+    little. An axis along which voxels are no larger than a pixel there is left alone. Sums are
+    kept, but for what crosses the picture's border.
     """
     to_spot = gantry.source_to_detector_mm - gantry.support_to_detector_mm - 0.5 * thickness_mm
-    shadow_px = float(voxel_mm.max()) * gantry.source_to_detector_mm / to_spot / gantry.pixel_mm
-    if shadow_px <= 1.0:
+    scale = gantry.source_to_detector_mm / to_spot / gantry.pixel_mm
+    shadow_px = np.array(voxel_mm) * scale
+    sigma_px = np.where(shadow_px > 1.0, SMOOTHING_VOXELS * shadow_px, 0.0)
+    if not sigma_px.any():
         return
-    sigma_px = SMOOTHING_VOXELS * shadow_px
-    reach = int(np.ceil(_REACH * sigma_px))
+    row_reach, column_reach = (int(np.ceil(_REACH * sigma)) for sigma in sigma_px)
     for image, lesion in zip(attenuating_mm, channels.lesions, strict=True):
         if lesion is not None and LESION_KINDS[lesion.kind].few_voxels:
             continue
         lit = image > 0.0
         rows, columns = (np.flatnonzero(lit.any(axis=axis)) for axis in (1, 0))
         if rows.size:
-            box = image[_around(rows, reach), _around(columns, reach)]
+            box = image[_around(rows, row_reach), _around(columns, column_reach)]
             box[:] = ndimage.gaussian_filter(box, sigma_px, mode="nearest", truncate=_REACH)
+
+
+def stretched_voxel_mm(mapped: VoxelMap, voxel_mm: NDArray[np.float64]) -> tuple[float, float]:
+    """Extent of a compressed voxel along y and x of the compression frame, the median over tissue.
+
+    Parameters
+    ----------
+    mapped : VoxelMap
+    voxel_mm : ndarray, (3,)
+        Edges of the phantom's voxels before compression, mm; the longest counts.
+
+    Returns
+    -------
+    tuple of float
+        Along y, along x, mm.
+    """
+    cells = mapped.tissue
+    extents = []
+    for axis in (1, 0):
+        first = tuple(slice(None, -1) for _ in range(3))
+        second = tuple(slice(1, None) if a == axis else slice(None, -1) for a in range(3))
+        nodes = mapped.nodes[..., :3]
+        step = (nodes[second][cells] - nodes[first][cells]) * voxel_mm
+        original_mm = np.linalg.norm(step.astype(np.float64), axis=1)
+        stretch = mapped.frame.spacing_mm[axis] / original_mm[original_mm > 0.0]
+        usual = float(np.nanmedian(stretch)) if np.isfinite(stretch).any() else 1.0
+        extents.append(float(voxel_mm.max()) * min(usual, MAX_STRETCH))
+    return extents[0], extents[1]
 
 
 def _around(places: NDArray[np.intp], reach: int) -> slice:

@@ -19,7 +19,7 @@ from mammosim.projection.feasible import check_memory
 from mammosim.projection.keys import ProjectionKeys
 from mammosim.projection.paths import PathLengths
 from mammosim.projection.settings import ProjectionSettings
-from mammosim.projection.smoothing import smooth_voxels
+from mammosim.projection.smoothing import smooth_voxels, stretched_voxel_mm
 from mammosim.projection.voxel_map import VoxelMap, voxel_map
 
 # Rows that one thread traces together: neighbouring rays share the voxels in its cache.
@@ -88,7 +88,7 @@ def trace_onto(
     length, attenuating = _trace(squeezed, mapped, gantry, channels, conserve_mass)
     attenuating = _filled(attenuating, length, squeezed, channels)
     if settings.smooth_voxels and conserve_mass:
-        voxel_mm = squeezed.phantom.voxel_mm
+        voxel_mm = stretched_voxel_mm(mapped, squeezed.phantom.voxel_mm)
         smooth_voxels(attenuating, channels, gantry, voxel_mm, squeezed.thickness_mm)
     return PathLengths(
         tissues=channels.names,

@@ -1,0 +1,323 @@
+"""Peripheral equalization: what the breast's margin lacks of the attenuation at full thickness."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from mammosim.acquisition.blocks import block_mean, cell_pixels
+from mammosim.acquisition.discs import beyond_discs, distance_to
+
+F64 = NDArray[np.float64]
+
+AIR_LEVEL = 0.04
+"""Attenuation (ln) that separates tissue from air: half a millimetre of skin."""
+
+CONTOUR_SIGMA_MM = 1.5
+"""Depths are smoothed by this much, because the edge of the mask is a staircase."""
+
+OUTLINE_RADIUS_MM = 10.0
+"""What no disc of this radius reaches protrudes from the outline: a nipple in profile."""
+
+MIN_NIPPLE_MM = 2.0
+"""A nipple protrudes by at least this much."""
+
+NIPPLE_SIGMAS_MM = (0.5, 1.5)
+"""A nipple is equalized by its own attenuation, the lower of the means on these two scales: the
+narrow one reaches the cleft at its base."""
+
+NIPPLE_ZONE_MM = (2.5, 6.0)
+"""Up to the first distance from what protrudes this is done in full, at the second not at all."""
+
+NIPPLE_EDGE = 0.8
+"""Part of its mean attenuation at which a nipple's own edge ends."""
+
+NIPPLE_BELOW_FAT = 0.08
+"""A nipple is shown by this much (ln) darker than fat. On clinical images with a nipple in profile
+it is at the dark end of the breast's grey levels or just beyond."""
+
+WIDE_CELL_MM = 2.0
+"""Grid of the filters along the margin, which are far wider."""
+
+ALONG_EDGE_SIGMA_MM = 12.0
+"""Width of the averages along the margin."""
+
+SKIN_DEPTHS_MM = (0.6, 1.4, 2.2)
+"""Where the attenuation of the skin line is taken."""
+
+RING_DEPTHS_MM = (4.0, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 25.0, 30.0)
+"""Depths at which the profile of the margin is taken; the breast is at full thickness at the last.
+Nearer the edge, skin seen along its surface attenuates more than what lies below it."""
+
+FAT_EXPECTILE = 0.05
+"""The profile of fat is this expectile of the ring: gland above it hardly counts."""
+
+EXPECTILE_STEPS = 6
+"""Reweighted averages of an expectile; the last changes it by less than a hundredth."""
+
+MIN_ROUNDING_MM, MAX_ROUNDING_MM = 6.0, 40.0
+"""Depth over which the margin rounds off: half the thickness for a semicircle, more for a wedge."""
+
+PLATEAU_DEPTH_MM = 20.0
+"""Fat at full thickness is looked for deeper than this."""
+
+PLATEAU_QUANTILE = 0.05
+"""Fat among what is that deep."""
+
+MAX_GLAND = 1.0
+"""The darkest of what is that deep holds no more gland than this (ln): 4 cm."""
+
+THIN_DEPTH_MM, THIN_SIGMA_MM, THIN_PART = 1.0, 1.5, 0.9
+"""Thin places are looked for deeper than the first, on the scale of the second, and this part of
+what they lack is made up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Margin:
+    """Where the breast is, on a coarse grid.
+
+    Parameters
+    ----------
+    breast : ndarray of bool, [row, column]
+        With the nipple.
+    body : ndarray of bool, [row, column]
+        Without what protrudes from its rounded outline.
+    depth_mm : ndarray of float64, [row, column]
+        Distance to the edge of the body, negative outside. The image border is no edge.
+    cell_mm : float
+        Pitch of the grid.
+    """
+
+    breast: NDArray[np.bool_]
+    body: NDArray[np.bool_]
+    depth_mm: F64
+    cell_mm: float
+
+
+def find_margin(coarse: F64, cell_mm: float) -> Margin | None:
+    """Locate the breast in a coarse image.
+
+    Parameters
+    ----------
+    coarse : ndarray of float64, [row, column]
+        Attenuation (ln).
+    cell_mm : float
+        Pitch of the grid, mm.
+
+    Returns
+    -------
+    Margin or None
+        None if the image holds no breast.
+    """
+    breast = _breast_mask(coarse)
+    if not breast.any():
+        return None
+    body = _without_nipple(breast, cell_mm)
+    depth_mm = _signed_depth(body, CONTOUR_SIGMA_MM / cell_mm) * cell_mm
+    return Margin(breast, body, depth_mm, cell_mm)
+
+
+def missing_attenuation(
+    coarse: F64, margin: Margin, fat: float | None = None
+) -> tuple[F64, F64, float]:
+    """What each place lacks against fat at full thickness.
+
+    Parameters
+    ----------
+    coarse : ndarray of float64, [row, column]
+        Attenuation (ln).
+    margin : Margin
+    fat : float, optional
+        Attenuation of fat at full thickness; default: estimated from the image.
+
+    Returns
+    -------
+    missing : ndarray of float64, [row, column]
+        Attenuation (ln), 0 beyond the margin; in air, that of the nearest edge.
+    edge : ndarray of float64, [row, column]
+        Attenuation (ln) of the skin line near by, from which on the whole of it is missing.
+    plateau : float
+        Attenuation of fat at full thickness, ln.
+
+    Notes
+    -----
+    The profile of fat over depth is measured in rings below the skin, as a low expectile (Newey
+    and Powell 1987, Econometrica 55:819) over `ALONG_EDGE_SIGMA_MM` of the margin. From the
+    outermost ring to the edge it is continued as an ellipse, since a free surface between two
+    plates is rounded, so that skin keeps the height above fat that its own attenuation gives it.
+    A nipple is equalized by itself. Nothing in a breast attenuates less than fat; what does in the
+    sum is thinner than its surroundings, as between folds, and is brought up to it.
+    """
+    plateau = _plateau(coarse, margin, fat)
+    rings = _ring_profiles(coarse, margin)
+    expected = _at_depth(np.minimum(rings[1:], plateau), margin.depth_mm, plateau)
+    missing = np.maximum(plateau - expected, 0.0)
+    edge = np.maximum(rings[0], AIR_LEVEL)
+    if not margin.body[margin.breast].all():
+        missing, edge = _with_nipple(missing, edge, coarse, margin, plateau)
+    return missing + _thin_places(coarse + missing, margin, plateau), edge, plateau
+
+
+def smooth_step(place: F64) -> F64:
+    """0 up to 0, 1 from 1 on, smooth between."""
+    ramp = np.clip(place, 0.0, 1.0)
+    return ramp * ramp * (3.0 - 2.0 * ramp)
+
+
+def _breast_mask(coarse: F64) -> NDArray[np.bool_]:
+    """The largest connected region that is not air, without holes."""
+    smooth = ndimage.gaussian_filter(coarse, 1.0, mode="nearest")
+    labels, count = ndimage.label(smooth > AIR_LEVEL)
+    if count == 0:
+        return np.zeros(coarse.shape, bool)
+    largest = 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
+    filled: NDArray[np.bool_] = ndimage.binary_fill_holes(labels == largest)
+    return filled
+
+
+def _without_nipple(breast: NDArray[np.bool_], cell_mm: float) -> NDArray[np.bool_]:
+    """The breast without what protrudes from its rounded outline; the image border is none."""
+    wide = int(np.ceil(OUTLINE_RADIUS_MM / cell_mm)) + 1
+    padded = np.pad(breast, wide, mode="edge")
+    if padded.all():
+        return breast
+    beyond = beyond_discs(padded, wide)[wide:-wide, wide:-wide]
+    if np.isinf(beyond).all():  # a breast narrower than the disc
+        return breast
+    labels, count = ndimage.label(breast & (beyond > 0.0))
+    far = ndimage.maximum(beyond * cell_mm, labels, np.arange(1, count + 1))
+    nipples = 1 + np.flatnonzero(np.asarray(far) >= MIN_NIPPLE_MM)
+    body: NDArray[np.bool_] = breast & ~np.isin(labels, nipples)
+    return body
+
+
+def _signed_depth(region: NDArray[np.bool_], sigma_cells: float) -> F64:
+    """Distance to the edge of a region in cells, negative outside."""
+    if region.all():
+        return np.full(region.shape, float(sum(region.shape)))
+    inside = ndimage.distance_transform_edt(region)
+    outside = ndimage.distance_transform_edt(~region)
+    depth = np.where(region, inside - 0.5, 0.5 - outside)
+    smooth: F64 = ndimage.gaussian_filter(depth, sigma_cells, mode="nearest")
+    return smooth
+
+
+def _plateau(coarse: F64, margin: Margin, fat: float | None) -> float:
+    """Attenuation of fat at full thickness: no more than what the darkest part of the image has."""
+    deepest = 0.8 * float(margin.depth_mm.max())
+    deep = margin.body & (margin.depth_mm >= min(PLATEAU_DEPTH_MM, deepest))
+    dark = float(np.quantile(coarse[deep], PLATEAU_QUANTILE))
+    return dark if fat is None else float(np.clip(fat, dark - MAX_GLAND, dark))
+
+
+def _ring_profiles(coarse: F64, margin: Margin) -> F64:
+    """Attenuation of the skin line and of fat at each of `RING_DEPTHS_MM`, [ring, row, column]."""
+    wide = cell_pixels(WIDE_CELL_MM, margin.cell_mm)
+    sigma = ALONG_EDGE_SIGMA_MM / (wide * margin.cell_mm)
+    profiles: list[F64] = []
+    for number, depths in enumerate(_rings()):
+        # before the first depth and behind the third a ring weighs nothing
+        weight = np.interp(margin.depth_mm, depths, (0.0, 1.0, 0.0), left=0.0, right=0.0)
+        weight[~margin.body] = 0.0
+        share = block_mean(weight, wide)
+        if not share.any():
+            profiles.append(profiles[-1] if profiles else block_mean(coarse, wide))
+            continue
+        total = block_mean(weight * coarse, wide)
+        values = np.divide(total, share, out=np.zeros_like(total), where=share > 0.0)
+        profile = _local_expectile(values, share, sigma)
+        profiles.append(profile if number < 2 else np.maximum(profiles[-1], profile))
+    return np.stack([_on_fine_grid(profile, coarse.shape, wide) for profile in profiles])
+
+
+def _rings() -> Iterator[tuple[float, float, float]]:
+    """Depth of the skin line and of each ring, between those at which their weight is 0, mm."""
+    yield SKIN_DEPTHS_MM
+    first, second = RING_DEPTHS_MM[:2]
+    depths = (2.0 * first - second, *RING_DEPTHS_MM, 1.2 * RING_DEPTHS_MM[-1])
+    yield from zip(depths, depths[1:], depths[2:], strict=False)
+
+
+def _local_expectile(values: F64, share: F64, sigma: float) -> F64:
+    """A low expectile of the neighbourhood: an average in which what is above it counts little."""
+    weight = share
+    for _ in range(EXPECTILE_STEPS):
+        near = np.maximum(ndimage.gaussian_filter(weight, sigma, mode="nearest"), 1e-12)
+        mean: F64 = ndimage.gaussian_filter(weight * values, sigma, mode="nearest") / near
+        weight = share * np.where(values > mean, FAT_EXPECTILE, 1.0 - FAT_EXPECTILE)
+    return mean
+
+
+def _on_fine_grid(wide_values: F64, shape: tuple[int, ...], wide: int) -> F64:
+    """Bilinear interpolation between the cells of the wide grid."""
+    place = [
+        np.clip((np.arange(n) + 0.5) / wide - 0.5, 0.0, m - 1.0)
+        for n, m in zip(shape, wide_values.shape, strict=True)
+    ]
+    grid = np.meshgrid(*place, indexing="ij")
+    fine: F64 = ndimage.map_coordinates(wide_values, grid, order=1)
+    return fine
+
+
+def _at_depth(rings: F64, depth_mm: F64, plateau: float) -> F64:
+    """Attenuation of fat at each place's depth; an ellipse outside the first ring."""
+    depths = np.array(RING_DEPTHS_MM)
+    place = np.interp(depth_mm, depths, np.arange(depths.size))
+    below = np.minimum(place.astype(np.intp), depths.size - 2)
+    part = place - below
+    low, high = (np.take_along_axis(rings, (below + step)[None], 0)[0] for step in (0, 1))
+    inner = (1.0 - part) * low + part * high
+    # through the first ring goes plateau * sqrt(1 - (1 - depth / rounding)^2)
+    ratio = np.clip(rings[0] / plateau, 0.0, 1.0)
+    rounding = depths[0] / np.maximum(1.0 - np.sqrt(1.0 - ratio**2), 1e-6)
+    rounding = np.clip(rounding, MIN_ROUNDING_MM, MAX_ROUNDING_MM)
+    outer = np.clip(depth_mm, 0.0, depths[0]) / rounding
+    outer = rings[0] * _ellipse(outer) / _ellipse(depths[0] / rounding)
+    return np.where(depth_mm < depths[0], outer, inner)
+
+
+def _ellipse(part: F64) -> F64:
+    """Height of an ellipse over the distance from its edge, both as parts of the semi-axes."""
+    height: F64 = np.sqrt(np.maximum(1.0 - (1.0 - np.minimum(part, 1.0)) ** 2, 0.0))
+    return height
+
+
+def _with_nipple(
+    missing: F64, edge: F64, coarse: F64, margin: Margin, plateau: float
+) -> tuple[F64, F64]:
+    """The same, where a nipple in profile lacks all but what it has on average."""
+    from_nipple_mm = distance_to(margin.breast & ~margin.body) * margin.cell_mm
+    near, far = NIPPLE_ZONE_MM
+    zone = smooth_step((far - from_nipple_mm) / (far - near))
+    own = np.minimum(
+        *(_local_mean(coarse, margin.breast, sigma / margin.cell_mm) for sigma in NIPPLE_SIGMAS_MM)
+    )
+    own_edge = np.clip(NIPPLE_EDGE * own, AIR_LEVEL, edge)
+    own_missing = np.maximum(plateau - NIPPLE_BELOW_FAT - own, 0.0)
+    return missing + zone * (own_missing - missing), edge + zone * (own_edge - edge)
+
+
+def _thin_places(level: F64, margin: Margin, plateau: float) -> F64:
+    """What is missing yet where the sum attenuates less than fat; nothing in and near a nipple."""
+    inside = distance_to(~margin.breast) * margin.cell_mm > THIN_DEPTH_MM
+    inside &= distance_to(margin.breast & ~margin.body) * margin.cell_mm > NIPPLE_ZONE_MM[0]
+    sigma = THIN_SIGMA_MM / margin.cell_mm
+    lacking = np.maximum(plateau - _local_mean(level, inside, sigma), 0.0)
+    return THIN_PART * np.minimum(2.0 * _nearness(inside, sigma), 1.0) * lacking
+
+
+def _local_mean(values: F64, region: NDArray[np.bool_], sigma_cells: float) -> F64:
+    """Mean of the part of the neighbourhood that belongs to a region."""
+    total = ndimage.gaussian_filter(np.where(region, values, 0.0), sigma_cells, mode="nearest")
+    mean: F64 = total / _nearness(region, sigma_cells)
+    return mean
+
+
+def _nearness(region: NDArray[np.bool_], sigma_cells: float) -> F64:
+    """Share of each place's neighbourhood that belongs to a region."""
+    share: F64 = ndimage.gaussian_filter(region.astype(np.float64), sigma_cells, mode="nearest")
+    return np.maximum(share, 1e-6)
