@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, log, sqrt
+from math import exp, log, sqrt, tanh
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,12 @@ F64 = NDArray[np.float64]
 
 # Grey beyond which the sum of base and detail is bent, so that it stays within 0 and 1.
 FINAL_TOE, FINAL_SHOULDER = 0.06, 0.85
+
+# Details keep at least this part of their contrast where the base lies on the shoulder.
+MIN_SHOULDER_SLOPE = 0.6
+
+# Details (ln) well below this are enhanced in full, those well above hardly: no halo beside edges.
+DETAIL_LIMIT = 0.12
 
 
 class Rays(NamedTuple):
@@ -244,8 +250,8 @@ def present_kernel(
     """Add what the margin lacks, split the sum into base and detail, and show both as grey.
 
     `missing` and `base` are coarse and interpolated linearly. The base follows a curve with toe
-    and shoulder; details keep the slope of its straight part, times the gain, and the sum is bent
-    at black and white once more, so that nothing is clipped.
+    and shoulder; details keep the slope of its straight part, weak ones times the gain, and the sum
+    is bent at black and white once more, so that nothing is clipped.
     """
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
     rows, columns = attenuation.shape
@@ -259,6 +265,9 @@ def present_kernel(
             smooth = _interpolated(base, y, x)
             straight = curve.fat_grey + slope * (smooth - curve.fat)
             shown = _bent(straight, curve.toe, curve.shoulder, curve.white)
-            shown += curve.gain * slope * (level - smooth)
+            detail = level - smooth
+            more = (curve.gain - 1.0) * DETAIL_LIMIT * tanh(detail / DETAIL_LIMIT)
+            bent = max((curve.white - shown) / (curve.white - curve.shoulder), MIN_SHOULDER_SLOPE)
+            shown += slope * min(bent, 1.0) * (detail + more)
             shown = _bent(shown, FINAL_TOE, FINAL_SHOULDER, 1.0)
             out_pixels[row, column] = int(shown * maximum + 0.5)

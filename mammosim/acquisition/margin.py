@@ -26,6 +26,9 @@ OUTLINE_RADIUS_MM = 10.0
 MIN_NIPPLE_MM = 2.0
 """A nipple protrudes by at least this much."""
 
+BEYOND_MM = 2.0
+"""Farther from the breast nothing is added: other objects in the field are not equalized."""
+
 NIPPLE_SIGMAS_MM = (0.5, 1.5)
 """A nipple is equalized by its own attenuation, the lower of the means on these two scales: the
 narrow one reaches the cleft at its base."""
@@ -52,6 +55,9 @@ SKIN_DEPTHS_MM = (0.6, 1.4, 2.2)
 RING_DEPTHS_MM = (4.0, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 25.0, 30.0)
 """Depths at which the profile of the margin is taken; the breast is at full thickness at the last.
 Nearer the edge, skin seen along its surface attenuates more than what lies below it."""
+
+PROFILE_STEP_MM = 0.5
+"""Step of the mean profile over depth."""
 
 FAT_EXPECTILE = 0.05
 """The profile of fat is this expectile of the ring: gland above it hardly counts."""
@@ -159,7 +165,9 @@ def missing_attenuation(
     edge = np.maximum(rings[0], AIR_LEVEL)
     if not margin.body[margin.breast].all():
         missing, edge = _with_nipple(missing, edge, coarse, margin, plateau)
-    return missing + _thin_places(coarse + missing, margin, plateau), edge, plateau
+    missing += _thin_places(coarse + missing, margin, plateau)
+    missing[distance_to(margin.breast) * margin.cell_mm > BEYOND_MM] = 0.0
+    return missing, edge, plateau
 
 
 def smooth_step(place: F64) -> F64:
@@ -218,6 +226,9 @@ def _ring_profiles(coarse: F64, margin: Margin) -> F64:
     """Attenuation of the skin line and of fat at each of `RING_DEPTHS_MM`, [ring, row, column]."""
     wide = cell_pixels(WIDE_CELL_MM, margin.cell_mm)
     sigma = ALONG_EDGE_SIGMA_MM / (wide * margin.cell_mm)
+    usual = _mean_profile(coarse, margin)
+    # what differs from the breast's mean profile hardly changes with depth within a ring
+    differs = coarse - np.interp(margin.depth_mm, *usual)
     profiles: list[F64] = []
     for number, depths in enumerate(_rings()):
         # before the first depth and behind the third a ring weighs nothing
@@ -227,11 +238,22 @@ def _ring_profiles(coarse: F64, margin: Margin) -> F64:
         if not share.any():
             profiles.append(profiles[-1] if profiles else block_mean(coarse, wide))
             continue
-        total = block_mean(weight * coarse, wide)
+        total = block_mean(weight * differs, wide)
         values = np.divide(total, share, out=np.zeros_like(total), where=share > 0.0)
-        profile = _local_expectile(values, share, sigma)
+        profile = np.interp(depths[1], *usual) + _local_expectile(values, share, sigma)
         profiles.append(profile if number < 2 else np.maximum(profiles[-1], profile))
     return np.stack([_on_fine_grid(profile, coarse.shape, wide) for profile in profiles])
+
+
+def _mean_profile(coarse: F64, margin: Margin) -> tuple[F64, F64]:
+    """Depths (mm) and the mean attenuation there over the whole margin."""
+    edges = np.arange(0.0, 1.2 * RING_DEPTHS_MM[-1], PROFILE_STEP_MM)
+    bins = np.digitize(margin.depth_mm[margin.body], edges)
+    count = np.bincount(bins, minlength=edges.size + 1)
+    total = np.bincount(bins, coarse[margin.body], minlength=edges.size + 1)
+    depth = np.bincount(bins, margin.depth_mm[margin.body], minlength=edges.size + 1)
+    used = count > 0
+    return depth[used] / count[used], total[used] / count[used]
 
 
 def _rings() -> Iterator[tuple[float, float, float]]:

@@ -36,11 +36,11 @@ MIN_CONTRAST, MAX_CONTRAST = 0.45, 1.0
 the first; what an all-dense breast (about 40 mm of gland) has beyond the second goes into the
 shoulder of the curve."""
 
-FAT_GREY, GLAND_GREY = 0.15, 0.70
+FAT_GREY, GLAND_GREY = 0.14, 0.62
 """Grey of fat and of gland on the straight part of the curve. On twelve clinical CC images of four
 manufacturers' kinds the 5th percentile of grey in the breast is 0.08 to 0.22."""
 
-TOE, SHOULDER, WHITE = 0.16, 0.50, 0.76
+TOE, SHOULDER, WHITE = 0.16, 0.56, 0.76
 """Grey below and above which the base bends, and that the shoulder nears. Muscle, which has two to
 four times the contrast of gland, lies there; on clinical MLO images it is at 0.34 to 0.81."""
 
@@ -50,7 +50,7 @@ FLOOR_CONTRAST = 0.3
 BASE_RADIUS_MM = 2.5
 """Half the side of the window that separates detail from base."""
 
-BASE_EDGE = 0.15
+BASE_EDGE = 0.10
 """Steps (ln) well above this, as the muscle's edge, belong to the base and get no halo."""
 
 MAXIMUM = 4095  # 12 bits
