@@ -234,8 +234,7 @@ def with_skin(skin_mm=1.5, radius_mm=50.0, rounding_mm=22.0, gland=0.0):
 
 def at_depth(pixels, depth, low, high):
     """Median grey, as part of the range, between two depths (mm), clear of the image border."""
-    rows, columns = np.indices(SHAPE)
-    clear = (columns > 50) & (depth >= low) & (depth < high)
+    clear = (np.indices(SHAPE)[1] > 50) & (depth >= low) & (depth < high)
     return float(np.median(pixels[clear])) / MAXIMUM
 
 
@@ -285,7 +284,7 @@ def test_a_place_thinner_than_fat_is_made_up_for():
 
 
 def test_crisp_shows_details_stronger_than_soft_and_both_the_same_levels():
-    attenuation, _, depth = compressed_breast()
+    attenuation, _, _ = compressed_breast()
     dotted = attenuation.copy()
     dotted[410:416, 100:106] += 0.1  # 1.2 mm
     gains, levels = {}, {}

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from naive.projection import phantom, unsqueezed
 
+from mammosim.geometry import VoxelFrame
 from mammosim.phantom import Lesion
 from mammosim.projection import project
-from mammosim.projection.smoothing import SMOOTHING_VOXELS
+from mammosim.projection.smoothing import SMOOTHING_VOXELS, stretched_voxel_mm
+from mammosim.projection.voxel_map import VoxelMap
 
 ADIPOSE, MASS, DUST = 1, 160, 161
 
@@ -48,6 +50,28 @@ def test_a_comb_of_voxels_fades_as_a_gaussian_of_a_third_of_a_voxel_fades_it():
     expected = np.exp(-2.0 * np.pi**2 * SMOOTHING_VOXELS**2 / 4.0)
     # The Gaussian is sampled on pixels of a quarter of a voxel and cut off at three deviations.
     assert waves[0] / waves[1] == pytest.approx(expected, rel=0.02)
+
+
+def test_the_smoothing_is_as_wide_as_compression_stretches_a_voxel():
+    """An inverse map that stretches y by 3/2 and x by 5/4: exactly so much wider per axis."""
+    frame = VoxelFrame(np.zeros(3), np.full(3, 4.0), (5, 5, 3))
+    index = np.indices(frame.shape).transpose(1, 2, 3, 0) * 4.0 / [0.2, 0.2, 0.4]
+    nodes = np.concatenate([index / [1.25, 1.5, 0.5], np.ones((*frame.shape, 1))], axis=3)
+    mapped = VoxelMap(frame, nodes.astype(np.float32), np.ones((4, 4, 2), bool), 0.0)
+    along_y, along_x = stretched_voxel_mm(mapped, np.array([0.2, 0.2, 0.4]))
+    assert along_y == pytest.approx(0.4 * 1.5, rel=1e-5)  # the longest edge counts
+    assert along_x == pytest.approx(0.4 * 1.25, rel=1e-5)
+
+
+def test_air_in_the_map_does_not_count_for_the_stretch():
+    frame = VoxelFrame(np.zeros(3), np.ones(3), (4, 4, 3))
+    nodes = np.full((4, 4, 3, 4), np.nan, np.float32)
+    nodes[:3, :3] = np.concatenate(
+        [np.indices((3, 3, 3)).transpose(1, 2, 3, 0), np.ones((3, 3, 3, 1))], axis=3
+    )
+    tissue = np.zeros((3, 3, 2), bool)
+    tissue[:3, :3] = True  # cells at its border have a corner without a map
+    assert stretched_voxel_mm(VoxelMap(frame, nodes, tissue, 0.0), np.ones(3)) == (1.0, 1.0)
 
 
 def test_lengths_masks_and_small_bright_things_stay_exact():

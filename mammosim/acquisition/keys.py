@@ -77,5 +77,9 @@ class AcquisitionKeys(TypedDict, total=False):
     detector: Literal["a-Se-70", "a-Se-85", "CsI-100"]
     """Detector: a-Se-70, a-Se-85 or CsI-100; any works with any pixel. Default: a-Se-70."""
 
+    look: Literal["crisp", "soft"]
+    """Processing of the For Presentation image: crisp enhances local contrast and leaves the grain
+    visible, soft does little of either. The For Processing image is the same. Default: crisp."""
+
     noise: bool
     """Whether quantum, electronic and fixed-pattern noise are added. Default: True."""

@@ -14,6 +14,9 @@ from mammosim.projection.voxel_map import VoxelMap
 SMOOTHING_VOXELS = 0.35
 """Standard deviation of the smoothing in stretched voxels: a pattern of that period keeps 9 %."""
 
+STRETCH_QUANTILE = 0.9
+"""Of the in-plane stretch over the breast's cells: the weave is clearest where it is large."""
+
 MAX_STRETCH = 3.0
 """In-plane stretch is taken no larger than this: beyond it the map is torn, not stretched."""
 
@@ -67,7 +70,7 @@ def smooth_voxels(
 
 
 def stretched_voxel_mm(mapped: VoxelMap, voxel_mm: NDArray[np.float64]) -> tuple[float, float]:
-    """Extent of a compressed voxel along y and x of the compression frame, the median over tissue.
+    """Extent of a compressed voxel along y and x, where it is most stretched.
 
     Parameters
     ----------
@@ -89,7 +92,9 @@ def stretched_voxel_mm(mapped: VoxelMap, voxel_mm: NDArray[np.float64]) -> tuple
         step = (nodes[second][cells] - nodes[first][cells]) * voxel_mm
         original_mm = np.linalg.norm(step.astype(np.float64), axis=1)
         stretch = mapped.frame.spacing_mm[axis] / original_mm[original_mm > 0.0]
-        usual = float(np.nanmedian(stretch)) if np.isfinite(stretch).any() else 1.0
+        usual = 1.0
+        if np.isfinite(stretch).any():
+            usual = float(np.nanquantile(stretch, STRETCH_QUANTILE))
         extents.append(float(voxel_mm.max()) * min(usual, MAX_STRETCH))
     return extents[0], extents[1]
 
