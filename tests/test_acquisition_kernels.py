@@ -76,17 +76,20 @@ def test_log_attenuation_agrees_with_its_twin(gantry, columns):
 
 def test_grey_levels_are_those_of_their_twin():
     rng = np.random.default_rng(7)
-    attenuation = rng.uniform(-3.0, 9.0, (9, 8)).astype(np.float32)
-    added = rng.uniform(-0.5, 0.5, (3, 3))
+    attenuation = rng.uniform(-0.5, 4.0, (9, 8)).astype(np.float32)
+    missing, edge, base = (
+        rng.uniform(low, high, (3, 3)) for low, high in ((0.0, 1.5), (0.5, 1.5), (1.5, 4.5))
+    )
+    curve = _kernels.ToneCurve(2.5, 0.6, 0.15, 0.65, 0.15, 0.55, 0.8, 1.7, 0.2)
     out = np.empty(attenuation.shape, np.uint16)
-    bends, cell = (0.2, 0.8), 3
-    _kernels.present_kernel(attenuation, added, float(cell), 0.5, 5.5, bends, 4095.0, out)
-    level = [
-        attenuation[at] + naive.bilinear(added, cell, *at) for at in np.ndindex(attenuation.shape)
-    ]
-    shown = np.array([naive.grey(each, 0.5, 5.5, bends, 4095.0) for each in level])
-    assert (shown < 0.2 * 4095).any()
-    assert (shown > 0.8 * 4095).any()
+    _kernels.present_kernel(attenuation, missing, edge, base, 3.0, curve, 4095.0, out)
+    shown = []
+    for at in np.ndindex(attenuation.shape):
+        here = [naive.bilinear(coarse, 3, *at) for coarse in (missing, edge, base)]
+        shown.append(np.floor(4095.0 * naive.grey(attenuation[at], *here, curve) + 0.5))
+    shown = np.array(shown)
+    assert (shown < 0.06 * 4095).any()
+    assert (shown > 0.85 * 4095).any()
     # One value where rounding falls to the other side.
     np.testing.assert_allclose(out.ravel(), shown, atol=1)
     assert (out.ravel() == shown).mean() > 0.95

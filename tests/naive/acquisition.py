@@ -96,15 +96,29 @@ def log_attenuation(signal, air_signal, mean_depth, gantry):
     return out
 
 
-def grey(level, low, high, bends, maximum):
-    """Pixel value of a level: straight between toe and shoulder, exponential beyond them."""
-    toe, shoulder = bends
-    v = (level - low) / (high - low)
-    if v < toe:
-        v = toe * math.exp((v - toe) / toe)
-    elif v > shoulder:
-        v = 1 - (1 - shoulder) * math.exp(-(v - shoulder) / (1 - shoulder))
-    return math.floor(v * maximum + 0.5)
+def bent(value, toe, shoulder, white):
+    """Straight, with a film's toe and shoulder."""
+    if value < toe:
+        return toe * np.exp(value / toe - 1.0)
+    if value > shoulder:
+        left = white - shoulder
+        return white - left * np.exp(-(value - shoulder) / left)
+    return value
+
+
+def grey(attenuation, missing, edge, base, curve):
+    """Grey (0 to 1) of one pixel, coarse images given where it is."""
+    t = np.clip((attenuation / edge - curve.edge_start) / (1.0 - curve.edge_start), 0.0, 1.0)
+    level = attenuation + missing * (3.0 * t**2 - 2.0 * t**3)
+    slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
+    below = bent(
+        curve.fat_grey + slope * (base - curve.fat), curve.toe, curve.shoulder, curve.white
+    )
+    detail = level - base
+    detail += (curve.gain - 1.0) * 0.12 * np.tanh(detail / 0.12)
+    # the derivative of the shoulder, no less than 0.6
+    shoulder_slope = np.clip((curve.white - below) / (curve.white - curve.shoulder), 0.6, 1.0)
+    return bent(below + slope * shoulder_slope * detail, 0.06, 0.85, 1.0)
 
 
 def scatter(primary_signal, thickness_mm, cell_mm, kernel_of):
