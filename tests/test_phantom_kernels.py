@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from naive import phantom as naive
 
-from mammosim.phantom import _kernels
+from mammosim.phantom._body_kernels import count_runs, find_runs
 from mammosim.phantom.bodies import find_bodies
 
 
@@ -33,8 +33,8 @@ def test_runs_are_the_unbroken_stretches_of_each_column(shape):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], column, [0]])))
         spans += [(start, end - 1) for start, end in zip(edges[::2], edges[1::2], strict=True)]
     first.append(len(spans))
-    assert _kernels.count_runs(labels) == len(spans)
+    assert count_runs(labels) == len(spans)
     out_span, out_first = np.zeros((len(spans), 2), np.int32), np.zeros(len(first), np.int64)
-    _kernels.find_runs(labels, out_span, out_first)
+    find_runs(labels, out_span, out_first)
     np.testing.assert_array_equal(out_span, np.reshape(spans, (-1, 2)))
     np.testing.assert_array_equal(out_first, first)

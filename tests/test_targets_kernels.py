@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from naive import targets as naive
 
-from mammosim.targets._kernels import _outwards, nearest_air_mm
+from mammosim.targets._nearest_air_kernels import _outwards, nearest_air_mm
 
 
 @pytest.mark.parametrize("seed", range(12))

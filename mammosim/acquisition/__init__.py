@@ -1,10 +1,10 @@
 """From path lengths to a mammogram: spectrum, scatter, detector, noise, dose, presentation."""
 
-from mammosim.acquisition.beforehand import check_acquisition
 from mammosim.acquisition.detectors import DETECTORS, Detector
 from mammosim.acquisition.expose import expose
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Mammogram
+from mammosim.acquisition.named_files import check_acquisition
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.tomosynthesis import Tomosynthesis, expose_arc
 from mammosim.acquisition.visibility import Visibility, lesion_visibility

@@ -3,7 +3,7 @@
 from mammosim.export.atomic import PART_PREFIX, whole_file, write_json, write_text
 from mammosim.export.convert import Conversion, convert_volume
 from mammosim.export.dicom import write_dicom
-from mammosim.export.geometry import read_geometry, write_geometry
+from mammosim.export.gantry_file import read_geometry, write_geometry
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.keys import ExportKeys
 from mammosim.export.learning import write_learning_pair

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition import Tomosynthesis
-from mammosim.export.geometry import write_geometry
+from mammosim.export.gantry_file import write_geometry
 from mammosim.export.path_lengths import write_path_lengths
 from mammosim.export.pictures import (
     write_glandular_tiff,

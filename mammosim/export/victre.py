@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mammosim.compression import CompressedBreast
 from mammosim.export.atomic import write_text
-from mammosim.export.metaimage import write_metaimage
+from mammosim.export.metaimage_files import write_metaimage
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom import LESION_KINDS
 from mammosim.tissues import TISSUES

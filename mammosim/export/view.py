@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
 from mammosim.export.dicom import write_dicom
-from mammosim.export.geometry import write_geometry
+from mammosim.export.gantry_file import write_geometry
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import lesion_masks
 from mammosim.export.matlab import write_matlab

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mammosim.errors import InputError
 from mammosim.export.atomic import whole_file
-from mammosim.export.metaimage import write_metaimage
+from mammosim.export.metaimage_files import write_metaimage
 from mammosim.export.volumes import write_labels
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom import BREAST_AXES, TIFF_AXES_KEY

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.phantom import _kernels
+from mammosim.phantom._body_kernels import count_runs, find_runs, join_runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,11 +40,11 @@ def find_bodies(labels: NDArray[np.uint8]) -> Bodies:
         0 is air; some tissue must be there. Voxels belong together if they share a face.
     """
     nx, ny, _ = labels.shape
-    count = _kernels.count_runs(labels)
+    count = count_runs(labels)
     span, first = np.empty((count, 2), np.int32), np.empty(nx * ny + 1, np.int64)
-    _kernels.find_runs(labels, span, first)
+    find_runs(labels, span, first)
     body = np.empty(count, np.int64)
-    _kernels.join_runs(span, first, nx, ny, body)
+    join_runs(span, first, nx, ny, body)
     voxels = np.bincount(body, weights=span[:, 1] - span[:, 0] + 1.0, minlength=count)
     main = int(voxels.argmax())
     runs = np.flatnonzero(body == main)

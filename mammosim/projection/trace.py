@@ -11,21 +11,15 @@ from numpy.typing import NDArray
 from mammosim.compression import CompressedBreast
 from mammosim.config import documents_keys, given_settings
 from mammosim.geometry import Gantry
-from mammosim.projection._label_kernels import LABELS_A_WORD
-from mammosim.projection._ray_kernels import Beam, Voxels, trace
 from mammosim.projection.channels import Channels, channels_of, host_channel
 from mammosim.projection.detector_field import place_detector
 from mammosim.projection.feasible import check_memory
 from mammosim.projection.keys import ProjectionKeys
 from mammosim.projection.paths import PathLengths
+from mammosim.projection.ray_tracing import Beam, trace_rays
 from mammosim.projection.settings import ProjectionSettings
 from mammosim.projection.smoothing import smooth_voxels, stretched_voxel_mm
 from mammosim.projection.voxel_map import VoxelMap, voxel_map
-
-# Rows that one thread traces together: neighbouring rays share the voxels in its cache.
-_BAND_ROWS = 32
-# Bands are dealt out with this stride, so that each thread gets its share of breast and of air.
-_DEAL = 16
 
 
 @documents_keys(ProjectionSettings, ProjectionKeys)
@@ -85,7 +79,10 @@ def trace_onto(
 ) -> PathLengths:
     """Path lengths onto one gantry's detector; its focal spot may be anywhere above the breast."""
     conserve_mass = settings.conserve_mass
-    length, attenuating = _trace(squeezed, mapped, gantry, channels, conserve_mass)
+    length, attenuating = trace_rays(
+        squeezed.phantom.labels, channels.of_label, len(channels), mapped.nodes,
+        _beam(gantry, mapped), weighted=conserve_mass,
+    )  # fmt: skip
     attenuating = _filled(attenuating, length, squeezed, channels)
     if settings.smooth_voxels and conserve_mass:
         voxel_mm = stretched_voxel_mm(mapped, squeezed.phantom.voxel_mm)
@@ -102,41 +99,6 @@ def trace_onto(
         clipped_fraction=mapped.clipped_fraction if conserve_mass else 0.0,
         breast=squeezed,
     )
-
-
-def _trace(
-    squeezed: CompressedBreast,
-    mapped: VoxelMap,
-    gantry: Gantry,
-    channels: Channels,
-    conserve_mass: bool,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Plain and weighted lengths [channel, row, column]; one array where mass is not conserved."""
-    nodes = mapped.nodes
-    # Pages of zeros that no ray writes to take no memory.
-    length = np.zeros((len(channels), gantry.rows, gantry.columns), dtype=np.float32)
-    weighted = length
-    if conserve_mass:
-        weighted = np.zeros_like(length)
-    else:
-        nodes = nodes.copy()
-        nodes[..., 3] = 1.0
-    bands = -(-gantry.rows // _BAND_ROWS)
-    order = np.concatenate([np.arange(first, bands, _DEAL) for first in range(_DEAL)])
-    voxels = _voxels(squeezed.phantom.labels, channels)
-    trace(order, _BAND_ROWS, _beam(gantry, mapped), nodes, voxels, length, weighted)
-    return length, weighted
-
-
-def _voxels(labels: NDArray[np.uint8], channels: Channels) -> Voxels:
-    """The labels as the kernel wants them; copied only where they do not lie as it needs them."""
-    labels = np.ascontiguousarray(labels)
-    if labels.ctypes.data % LABELS_A_WORD:
-        labels = labels.copy()
-    row = labels.reshape(-1)
-    words = row[: row.size // LABELS_A_WORD * LABELS_A_WORD].view(np.uint64)
-    nx, ny, nz = labels.shape
-    return Voxels(row, words, nx, ny, nz, channels.of_label)
 
 
 def _beam(gantry: Gantry, mapped: VoxelMap) -> Beam:

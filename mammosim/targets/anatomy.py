@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mammosim.phantom import BreastPhantom
-from mammosim.targets._kernels import nearest_air_mm
+from mammosim.targets._nearest_air_kernels import nearest_air_mm
 
 
 def clock_position(point_mm: ArrayLike, nipple_mm: ArrayLike) -> str:
