@@ -13,12 +13,13 @@ from markupsafe import Markup
 
 from mammosim.acquisition import Mammogram
 from mammosim.phantom import LESION_KINDS
+from mammosim.report.appearance import MEASURES
 from mammosim.report.figures import convergence_svg
 from mammosim.report.hanging import ReportedView, hanging, targets_of
 from mammosim.report.lesion_shift import shift_section
 from mammosim.report.markers import shift_arrows
 from mammosim.report.quantities import NOT_KNOWN, number, quantity
-from mammosim.report.realism import realism
+from mammosim.report.realism import appearance_findings, realism
 from mammosim.report.settings import ReportSettings
 from mammosim.targets import ShiftAnswers, Target
 
@@ -80,6 +81,7 @@ def render_report(
         convergence=_convergence(ordered),
         exposed=[view.squeezed.view.folder for view in ordered if view.mammogram],
         realism=_realism_rows(ordered),
+        appearance=_appearance_rows(ordered),
         exposure=_exposure_rows([view.mammogram for view in ordered if view.mammogram]),
         record=record,
         settings_text=json.dumps(record.get("settings"), indent=2, ensure_ascii=False, default=str),
@@ -236,4 +238,18 @@ def _realism_rows(views: Sequence[ReportedView]) -> list[dict[str, Any]]:
     return [
         {"name": row[0].name, "unit": row[0].unit, "source": row[0].source, "findings": row}
         for row in zip(*of_view, strict=True)
+    ]
+
+
+def _appearance_rows(views: Sequence[ReportedView]) -> list[dict[str, Any]]:
+    """One row a measure, with what each exposed view has of it; None where it has no range."""
+    of_view = [
+        appearance_findings(view.squeezed.view.name, view.mammogram)
+        for view in views
+        if view.mammogram
+    ]
+    return [
+        {"name": measure.name, "unit": measure.unit, "findings": [f.get(key) for f in of_view]}
+        for key, measure in MEASURES.items()
+        if any(key in f for f in of_view)
     ]

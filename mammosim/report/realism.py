@@ -11,10 +11,11 @@ import numpy as np
 
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast, breast_volume_ml, population_thickness_mm
+from mammosim.report.appearance import SOURCE, appearance, measures_of
 from mammosim.report.quantities import number
 from mammosim.report.texture import power_law_exponent
 
-Basis = Literal["published", "expected"]
+Basis = Literal["published", "expected", "measured"]
 
 # Acceptable mean glandular dose, mGy, over the thickness of the equivalent breast, mm (European
 # guidelines for quality assurance in breast cancer screening and diagnosis, 4th edition, 2006).
@@ -46,8 +47,8 @@ class Finding:
         Where the range is from, and what it is of.
     decimals : int
         Decimals to print.
-    basis : {"published", "expected"}
-        Whether the range is published, or only what is to be expected.
+    basis : {"published", "expected", "measured"}
+        Whether the range is published, measured on clinical images, or only to be expected.
     """
 
     name: str
@@ -98,6 +99,34 @@ def realism(squeezed: CompressedBreast, mammogram: Mammogram) -> list[Finding]:
         _texture, _density, _thickness, _force, _pressure, _dose, _noise,
     )  # fmt: skip
     return [one(squeezed, mammogram) for one in found]
+
+
+def appearance_findings(view: str, mammogram: Mammogram) -> dict[str, Finding]:
+    """How the For Presentation image looks, in numbers, beside those of clinical images.
+
+    Parameters
+    ----------
+    view : str
+        CC or MLO; nothing was measured of others.
+    mammogram : Mammogram
+
+    Returns
+    -------
+    dict of str to Finding
+        By key, in the order of `MEASURES`.
+    """
+    if view not in SOURCE:
+        return {}
+    low = mammogram.window_center - 0.5 * mammogram.window_width
+    grey = (mammogram.for_presentation - low) / mammogram.window_width
+    values = appearance(np.clip(grey, 0.0, 1.0), mammogram.gantry.pixel_mm, view)
+    return {
+        key: Finding(
+            measure.name, measure.unit, values.get(key, math.nan), first, last, SOURCE[view], 2,
+            "measured",
+        )
+        for key, (measure, first, last) in measures_of(view).items()
+    }  # fmt: skip
 
 
 def _texture(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
