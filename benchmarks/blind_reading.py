@@ -5,12 +5,12 @@
 Takes real mammograms (DICOM or pictures) and simulated ones (`for_presentation.dcm`, also in
 subfolders), draws six of each and writes `image_01.png` to `image_12.png`: half of them whole
 pictures, half crops of 40 mm, the same number of each kind from both sides. All are grey, 8 bits,
-chest wall at the left, without metadata. `<output>_answers.csv` goes beside the folder, not into it,
-and says which is which. `form.csv` is what a reader fills in.
+chest wall at the left, without metadata. `<output>_answers.csv` is written beside the folder, not
+into it, and says which is which. `form.csv` is what a reader fills in.
 
-Labels burnt into real pictures would give them away: everything outside the breast is set to black,
-in simulated ones too. A marker on the nipple is not removed: choose pictures without one. No picture
-of others may be committed.
+Labels burnt into real pictures would give them away: everything outside the breast is set to
+black, in simulated ones too. A marker on the nipple is not removed: choose pictures without one.
+No picture of others may be committed.
 """
 
 from __future__ import annotations
