@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import argparse
 import collections
+import contextlib
 import copy
+import io
 import json
 import os
 import random
@@ -23,6 +25,7 @@ import tempfile
 import time
 import traceback
 import tracemalloc
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -30,9 +33,12 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import numba
+import numpy as np
 from make_run import invoke, save_breast, write
 from make_volumes import FORMATS, save, small_breast
 
+from mammosim.acquisition import AcquisitionSettings, check_acquisition
+from mammosim.acquisition.spectrum import make_beam
 from mammosim.cohort import cohort_status, load_cohort, plan_cohort
 from mammosim.compression import compress
 from mammosim.config import read_yaml
@@ -41,6 +47,7 @@ from mammosim.phantom import make_phantom, read_phantom
 from mammosim.pipeline import (
     RunConfig,
     RunFolder,
+    apply_change,
     check_settings,
     config_of,
     is_finished,
@@ -48,10 +55,14 @@ from mammosim.pipeline import (
     locate_in_run,
     make_plan,
 )
+from mammosim.tissues import load_label_map
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 MOST_SECONDS = 20
 """Of the processor; ten times as long by the clock, for a machine that has others to serve."""
+
+BOMBS = 0.05
+"""Part of the trials for them that are bombs: they take a hundred times as long as others."""
 
 SPARE_BYTES = 24 << 20
 """Buffers of readers and libraries, beside a quarter more than an input honestly needs."""
@@ -64,12 +75,20 @@ HOSTILE: list[Any] = [
     "__import__('os').system('touch pwned')", [], [[]], [None], {}, {"": {}}, {"__class__": "x"},
     {"choice": [1, "a"]}, {"uniform": [1, 2]}, {"normal": [1, 1e308]}, {"column": "x"},
     {"choice": [], "weights": [1e308, 1e308]}, [1, 2, 3], [1e308] * 3, "L", "CC", ["CC"], "dense",
+    "~nosuchuser/x.yaml", "~", "fifo.yaml", "fifo.npz", "fifo", "folder.yaml", "device.yaml",
+    "device.npz", "/dev/stdin", "/dev/tty", "=1+1", "+1", "-1", "@SUM(1)", "[/]", "[bold]x[/bold]",
+    ":heart:", "\x1b[2J", "\u202e", "\u2028", "a\\b", 16**4000, -(2**127), 1e9, 1e-9, 101, 500,
+    [{"name": "a", "kind": "clip"}] * 200, {"name": "[/]", "kind": "mass"}, "MLO", {"merge_mm": 0},
+    {"view": "CC", "thickness_mm": 1e-3}, [[[[[]]]]], "0x" + "f" * 5000, "\ud800",
 ]  # fmt: skip
 
 TEXTS = [
     "!!python/object/apply:os.system ['touch pwned']", "!!python/name:os.system", "&a [*a]", "*b",
-    "<<: *b", "!!binary AAAA", "!!set {a}", "? [a]", "--- 1\n--- 2", "\t", "{", "}", "[", "'", '"',
-    "|\n", ">\n", "%YAML 9.9", "\x00", "\ufeff", "\u2028", "0x", "1_000", "1e", ": :", "- -", "@",
+    "<<: *b", "!!binary AAAA", "!!set {a}", "? [a]", "--- 1\n--- 2", "\t", "{", "}", "[", "'",
+    '"', "|\n", ">\n", "&a {k: 1}", "<<: [*a, *a, *a]", "a: &a {<<: *a}", "0x" + "f" * 300,
+    "1:1:1:1", "%YAML 1.1\n---\n", "[" * 60, "{a: " * 60, "- " * 60, "? " * 60, "9" * 5000,
+    "!!int '0b1'", "%YAML 9.9", "\x00", "\ufeff", "\u2028", "0x", "1_000", "1e", ": :", "- -",
+    "@",
 ]  # fmt: skip
 
 SANDBOX = Path(tempfile.mkdtemp()).resolve()
@@ -94,12 +113,22 @@ def main() -> None:
         sound = Sound(SANDBOX / "sound")
         signal.signal(signal.SIGALRM, _hang)
         signal.signal(signal.SIGPROF, _hang)
+        _odd_files(SANDBOX)
         sys.addaudithook(_watch)
         failures = 0
-        values = (try_values, try_cohort, try_values, try_cohort, try_values)
+        values = (try_values, try_cohort, try_change, try_bomb, try_values)
         kinds = {
             "configurations": (*values, try_text),
-            "files": (try_phantom, try_phantom, try_run_folder, try_cohort_folder),
+            "files": (
+                try_phantom,
+                try_phantom,
+                try_array,
+                try_run_folder,
+                try_cohort_folder,
+                try_label_table,
+                try_table_of_materials,
+                try_no_file,
+            ),
         }
         for kind, count in (("configurations", wanted.configurations), ("files", wanted.files)):
             start, counts = time.monotonic(), collections.Counter[str]()
@@ -134,6 +163,7 @@ class Sound:
         self.config = write(save_breast(folder), views=["CC"])
         self.settings = load_config(self.config)
         result = invoke("run", self.config, "--output", folder / "run")
+        self.own = folder / "run" / "LCC"
         if result.exit_code:
             raise RuntimeError(result.output)
         self.run = _contents(folder / "run")
@@ -211,6 +241,144 @@ def try_cohort(sound: Sound, rng: random.Random) -> int:
     cohort.config_of(rng.randrange(cohort.patients))
     if rng.random() < 0.01:
         plan_cohort(cohort)
+    return 0
+
+
+def try_change(sound: Sound, rng: random.Random) -> int:
+    """`--set` with keys and values of any kind."""
+    values = copy.deepcopy(rng.choice(sound.run_values))
+    keys = [
+        "phantom",
+        "lesions",
+        "0",
+        "views",
+        "compression",
+        "generate",
+        "-1",
+        "9" * 30,
+        "",
+        "x.y",
+    ]
+    name = ".".join(rng.choice(keys) for _ in range(rng.randint(1, 4)))
+    text = rng.choice([*TEXTS, "[CC]", "CC", "12", "{}", "[{name: a, kind: clip}]", "[1, [2]]"])
+    apply_change(values, name + rng.choice(("=", "=", "=", "", "==")) + text)
+    make_plan(config_of(values, SANDBOX, "fuzz.yaml"))
+    return 0
+
+
+def try_bomb(sound: Sound, rng: random.Random) -> int:
+    """A short file that stands for a long one, or a file as long as allowed."""
+    if rng.random() > BOMBS:
+        return try_text(sound, rng)
+    path = SANDBOX / "bomb.yaml"
+    kind = rng.randrange(7)
+    if rng.random() < 0.9 and kind > 1:
+        kind = rng.randrange(2)
+    width, depth = rng.randint(2, 12), rng.randint(2, 12)
+    item = "<<: [{}]" if kind == 0 else "v: [{}]"
+    lines = ["a0: &a0 {" + ", ".join(f"k{n}: {n}" for n in range(width)) + "}"]
+    for level in range(1, depth):
+        aliases = ", ".join([f"*a{level - 1}"] * rng.randint(1, width))
+        lines.append(f"a{level}: &a{level} {{{item.format(aliases)}}}")
+    size = rng.choice((1_000, 100_000, 400_000))
+    text = {
+        0: "\n".join(lines), 1: "\n".join(lines), 2: "seed: [" + "1," * size + "1]",
+        3: "".join(f"k{n}: 1\n" for n in range(size // 10)), 4: "[" * size, 5: "a: " + "x" * size,
+        6: "# c\n" * (size // 4),
+    }[kind]  # fmt: skip
+    path.write_text(text)
+    load_config(path)
+    return 0
+
+
+def try_array(sound: Sound, rng: random.Random) -> int:
+    """An NPY file, alone or in an archive, whose header is any literal."""
+    kinds = ["'|u1'", "'<f2'", "'<c8'", "'|O'", "'<M8[ns]'", "()", "('|u1',)", "[('a', '|O')]",
+             "('<i4', (0,))", "None", "True", "{}", "b'u1'", "'u1,u1'"]  # fmt: skip
+    shapes = ["(5, 5, 5)", "(True, 5, 5)", "(5.0, 5, 5)", "(-5, 5, -5)", "()", "5", "[5, 5, 5]",
+              "(2**70, 1, 1)", "(9223372036854775808, 1, 1)", "(0, 5, 5)", "('5', 5, 5)",
+              "(1,) * 99"]  # fmt: skip
+    kind = rng.choice(kinds) if rng.random() < 0.5 else kinds[0]
+    shape = rng.choice(shapes) if rng.random() < 0.5 else shapes[0]
+    order = rng.choice(("False", "True", "1", "'F'"))
+    text = f"{{'descr': {kind}, 'fortran_order': {order}, 'shape': {shape}}}"
+    if rng.random() < 0.3:
+        at = rng.randrange(len(text))
+        piece = rng.choice(["(", "-" * 500, "[", "'", "0", "\t", "#", "*", "1e999", "lambda:0"])
+        text = text[:at] + piece + text[at + rng.choice((0, 1, 3)) :]
+    header = text.encode("latin-1", "replace") + b" " * 64 + b"\n"
+    content = b"\x93NUMPY\1\0" + len(header).to_bytes(2, "little") + header + bytes(125)
+    folder = _fresh("array")
+    if rng.random() < 0.5:
+        (folder / "a.npy").write_bytes(content)
+        read_phantom(folder / "a.npy")
+        return 0
+    odd = rng.choice(("labels", "voxel_mm", "origin_mm"))
+    with zipfile.ZipFile(folder / "a.npz", "w", rng.choice((0, 8, 12, 14))) as archive:
+        for name, array in (("labels", np.ones((5, 5, 5), np.uint8)), ("voxel_mm", np.ones(3)),
+                            ("origin_mm", np.zeros(3))):  # fmt: skip
+            stream = io.BytesIO()
+            np.save(stream, array)
+            archive.writestr(f"{name}.npy", content if name == odd else stream.getvalue())
+    read_phantom(folder / "a.npz")
+    return 0
+
+
+def try_label_table(sound: Sound, rng: random.Random) -> int:
+    """A compressed breast of our own whose `labels.json` is faulty."""
+    folder = _fresh("own")
+    shutil.copy(sound.own / "compressed.nii.gz", folder)
+    values = json.loads((sound.own / "labels.json").read_text())
+    if rng.random() < 0.7:
+        for _ in range(rng.choice((1, 1, 2))):
+            _change(values, rng, sound)
+        with contextlib.suppress(ValueError):  # a whole number too long for JSON
+            (folder / "labels.json").write_text(json.dumps(values), "utf-8", "backslashreplace")
+    else:
+        (folder / "labels.json").write_bytes(_damaged(json.dumps(values).encode(), rng))
+    breast = read_phantom(folder / "compressed.nii.gz")
+    if breast.compressed is not None and breast.compressed.view is not None:
+        compress(breast, breast.compressed.view, model="none")
+    return 0
+
+
+def try_table_of_materials(sound: Sound, rng: random.Random) -> int:
+    """A file of materials, a spectrum or a label map with faults, as the acquisition uses it."""
+    path = SANDBOX / rng.choice(("table.yaml", "table.txt"))
+    number = rng.choice(
+        ["0", "1", "100", "1e308", "1e-308", "-1", "nan", ".inf", "0x10", "a", "[]"]
+    )
+    other = rng.choice(["100", "50", "1e308", "0", "-0.0", "{}", number])
+    if path.suffix == ".txt":
+        path.write_text(f"{number} {other}\n20 1e5\n{rng.choice(('30', '150', '1e9'))} {number}\n")
+        make_beam("W", "Rh", spectrum_file=str(path), kvp=rng.choice((None, 28.0)))
+        return 0
+    if rng.random() < 0.5:
+        path.write_text(f"0: air\n{number}: {rng.choice(('adipose', 'fat', other, number))}\n")
+        load_label_map(str(path))
+        return 0
+    element = rng.choice(("H", "Pb", "Xx", "1", "''", number))
+    path.write_text(
+        f"adipose: {{density_g_cm3: {number}, mass_percent: {{{element}: {other}, C: {number}}}}}\n"
+    )
+    settings = AcquisitionSettings(composition=str(path))
+    check_acquisition(settings)
+    return 0
+
+
+def try_no_file(sound: Sound, rng: random.Random) -> int:
+    """A pipe, device or folder in a place where a file is read."""
+    name = rng.choice(("fifo", "device", "folder")) + rng.choice(
+        (".yaml", ".json", ".npz", ".npy", ".mhd", ".nii.gz", ".csv", ".txt", ".nrrd", ".tif", "")
+    )
+    path = SANDBOX / name
+    rng.choice((
+        read_yaml, load_config, load_cohort, read_phantom, lambda at: load_label_map(str(at)),
+        lambda at: make_beam("W", "Rh", spectrum_file=str(at)),
+        lambda at: check_acquisition(AcquisitionSettings(composition=f"{at}.yaml")),
+        lambda at: locate_in_run(at, ["CC"], [(1.0, 1.0)]),
+        lambda at: is_finished(at, sound.settings),
+    ))(path)  # fmt: skip
     return 0
 
 
@@ -331,6 +499,16 @@ def _damaged(content: bytes, rng: random.Random) -> bytes:
             end = rng.choice((min(400, len(damaged)), len(damaged)))
             damaged[rng.randrange(end)] = rng.randrange(256)
     return bytes(damaged)
+
+
+def _odd_files(folder: Path) -> None:
+    """What is no file, under every ending."""
+    for ending in (
+        ".yaml", ".json", ".npz", ".npy", ".mhd", ".nii.gz", ".csv", ".txt", ".nrrd", ".tif", ""
+    ):  # fmt: skip
+        os.mkfifo(folder / f"fifo{ending}")
+        (folder / f"folder{ending}").mkdir()
+        (folder / f"device{ending}").symlink_to("/dev/zero")
 
 
 def _contents(folder: Path) -> dict[str, bytes]:

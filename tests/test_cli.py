@@ -43,6 +43,7 @@ def test_a_run_leaves_every_file_of_the_contract(finished):
         "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm", "lesion_outlines.dcm",
         "compressed.nii.gz", "displacement.nii.gz",
         "convergence.csv", "compression.json", "lattice.nii.gz", "geometry.json",
+        "labels.json", "labels.ctbl",
     }  # fmt: skip
     expected = {"run.json", "config.yaml", "lesions.csv", "view_rules.csv", "report.html"}
     expected |= {f"{name}/{file}" for name in ("LCC", "LMLO") for file in view}

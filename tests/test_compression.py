@@ -225,7 +225,10 @@ def test_tissue_that_hangs_on_nothing_is_left_out_and_said():
     ("settings", "message"),
     [
         ({"thickness_mm": 90.0}, r"thickness_mm: found 90, but the breast .* is only \d+"),
-        ({"thickness_mm": -3.0}, r"compression.thickness_mm: found -3.0, expected greater than 0"),
+        (
+            {"thickness_mm": -3.0},
+            r"found -3.0, expected greater than or equal to 1",
+        ),
         ({"thicknes_mm": 30.0}, r"unknown key; did you mean 'thickness_mm'"),
         (
             {"model": "jelly"},

@@ -118,7 +118,9 @@ def test_what_is_not_plain_yaml_is_refused(text, message, tmp_path):
 
 
 def test_a_file_without_an_end_is_refused():
-    with pytest.raises(InputError, match=r"/dev/zero: longer than \d+ characters"):
+    with pytest.raises(
+        InputError, match=r"/dev/zero: cannot be read \(it is a device, expected a file\)"
+    ):
         read_yaml("/dev/zero")
 
 

@@ -43,7 +43,7 @@ def test_the_files_have_victres_names(written):
     names = {path.name for path in written[-1].iterdir()}
     assert names == {
         f"{stem}.{ending}" for stem in ("pc_7", "pcl_7") for ending in ("raw.gz", "mhd", "loc")
-    }
+    } | {"labels.json"}
 
 
 def test_tissue_is_in_victres_labels_at_its_place(written):
@@ -106,7 +106,7 @@ def test_without_lesions_the_cropped_breast_has_victres_name_for_it(tmp_path):
     squeezed = dataclasses.replace(squeezed, phantom=plain)
     write_victre(squeezed, *compressed_labels(squeezed), tmp_path, 1)
     names = {path.name for path in (tmp_path / "1").iterdir()}
-    assert names == {"pc_1.mhd", "pc_1.raw.gz", "pc_1_crop.mhd", "pc_1_crop.raw.gz"}
+    assert names == {"pc_1.mhd", "pc_1.raw.gz", "pc_1_crop.mhd", "pc_1_crop.raw.gz", "labels.json"}
 
 
 def test_a_lesion_behind_the_plates_is_not_listed_in_the_cropped_part(tmp_path):
@@ -125,5 +125,6 @@ def test_formats_are_written_on_request(tmp_path):
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {
         "compression.json", "convergence.csv", "compressed.nrrd", "compressed.mha", "victre",
+            "labels.json", "labels.ctbl",
     }  # fmt: skip
     assert (tmp_path / "victre" / "3" / "pcl_3.raw.gz").is_file()

@@ -8,7 +8,8 @@ import pytest
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom import phantom_summary, read_phantom
-from mammosim.phantom.found_lesions import bounding_box, number_lesions
+from mammosim.phantom.found_lesions import number_lesions
+from mammosim.phantom.lesion_pieces import bounding_box
 from mammosim.phantom.orientation import nipple_position, side_of_muscle
 from mammosim.tissues import LESION_LABELS
 

@@ -272,7 +272,7 @@ def test_overlaps_names_and_room(breast):
          {"name": "a", "kind": "calcification", "morphology": "vascular", "count": 3}]},
       "count does not belong to morphology 'vascular'"),
      ({"generate": {}, "lesions": [{"name": "a", "kind": "mass", "diameter_mm": -1}]},
-      "greater than 0"),
+      "greater than or equal to 0.05"),
      ({"generate": {}, "lesions": [{"name": "a", "kind": "mass"}],
        "landmarks": [{"name": "a", "position_mm": [1, 2, 3]}]}, "'a' is used more than once"),
      ({"generate": {}, "landmarks": [{"name": "a"}]}, "landmarks.0.position_mm: missing")],

@@ -22,7 +22,7 @@ from mammosim.pipeline import RunConfig, RunFolder, load_config
 @pytest.mark.parametrize(
     ("values", "message"),
     [({"file": "b.npy", "axes": "XYZ"}, "phantom.axes: found 'XYZ', expected three letters as ALS"),
-     ({"file": "b.npy", "voxel_mm": 0}, "phantom.voxel_mm: found 0, expected lengths above 0 and"),
+     ({"file": "b.npy", "voxel_mm": 0}, "voxel_mm: found 0, expected lengths of 0.001 to 10 mm"),
      ({"file": "b.npy", "voxel_mm": [1, 2]}, "phantom.voxel_mm"),
      ({"file": "b.npy", "voxel_mm": [1, 2, 30]}, r"voxel_mm: found \[1, 2, 30\], expected lengths"),
      ({"file": "b.npy", "reduce": 0}, "phantom.reduce: found 0, expected greater than or equal to"),

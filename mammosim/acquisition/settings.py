@@ -15,6 +15,10 @@ from mammosim.acquisition.tube import KVP_RANGE, TARGETS
 from mammosim.config import Settings
 from mammosim.tissues import CALCIFICATIONS, COMPOSITION_SETS
 
+MAS_RANGE = (1e-3, 1e4)
+"""Tube loads that can be computed, mAs; a thousand times less and ten times more than units give,
+for phantoms and for noise without dose."""
+
 
 def _one_of(names: Collection[str]) -> Callable[[str], str]:
     """Check against a table as it is when a value is checked, with what was added to it."""
@@ -36,8 +40,11 @@ def _set_or_file(value: str) -> str:
 
 
 def _some_dose(value: float | None) -> float | None:
+    low, high = MAS_RANGE
     if value is not None and not value > 0.0:
         raise ValueError("expected more than 0 mAs (zero dose)")
+    if value is not None and not low <= value <= high:
+        raise ValueError(f"expected {low:g} to {high:g} mAs")
     return value
 
 
@@ -46,6 +53,11 @@ def _voltage(value: float | None) -> float | None:
     if value is not None and not low <= value <= high:
         raise ValueError(f"expected {low:g} to {high:g} kV, what the spectrum model covers")
     return value
+
+
+def _numbers(low: float, high: float) -> WithJsonSchema:
+    number = {"type": "number", "minimum": low, "maximum": high}
+    return WithJsonSchema({"anyOf": [number, {"type": "null"}]})
 
 
 def _names(names: Iterable[str]) -> WithJsonSchema:
@@ -58,8 +70,8 @@ DetectorName = Annotated[str, AfterValidator(_one_of(DETECTORS)), _names(DETECTO
 ScatterModel = Annotated[str, AfterValidator(_one_of(SCATTER_MODELS)), _names(SCATTER_MODELS)]
 Calcification = Annotated[str, AfterValidator(_one_of(CALCIFICATIONS)), _names(CALCIFICATIONS)]
 LookName = Annotated[str, AfterValidator(_one_of(LOOKS)), _names(LOOKS)]
-Voltage = Annotated[float | None, AfterValidator(_voltage)]
-TubeLoad = Annotated[float | None, AfterValidator(_some_dose)]
+Voltage = Annotated[float | None, AfterValidator(_voltage), _numbers(*KVP_RANGE)]
+TubeLoad = Annotated[float | None, AfterValidator(_some_dose), _numbers(*MAS_RANGE)]
 Composition = Annotated[str, AfterValidator(_set_or_file)]
 
 
@@ -95,7 +107,7 @@ class AcquisitionSettings(Settings):
     filter: Filter = "Rh"
     """Filter material: Mo, Rh, Ag or Al."""
 
-    filter_mm: float | None = Field(default=None, gt=0.0, le=5.0)
+    filter_mm: float | None = Field(default=None, ge=1e-4, le=5.0)
     """Filter thickness in mm; left out: Mo 0.030, Rh 0.025 (on tungsten 0.050), Ag 0.050,
     Al 0.700."""
 
@@ -135,7 +147,7 @@ class AcquisitionSettings(Settings):
     grid: bool = True
     """Whether an anti-scatter grid is in front of the detector."""
 
-    grid_primary_transmission: float = Field(default=0.75, gt=0.0, le=1.0)
+    grid_primary_transmission: float = Field(default=0.75, ge=0.01, le=1.0)
     """Part of the primary that the grid lets through; 0.75 is usual for 5:1 at 31 lines per cm."""
 
     grid_scatter_transmission: float = Field(default=0.10, ge=0.0, le=1.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from io import StringIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from mammosim.acquisition.attenuation import (
     energy_absorption_cm2_g,
 )
 from mammosim.acquisition.tube import REFERENCE_MM, tube_fluence
+from mammosim.config import read_text
 from mammosim.errors import InputError
 
 # European guidelines (4th edition, 2006, part 2A/B) name 30 um Mo, 25 um Rh (50 um on W tubes),
@@ -29,6 +30,9 @@ KEV_TO_MGY_G = (
     1.602177e-10  # mGy in 1 g for 1 keV absorbed: 1.602177e-16 J / 1e-3 kg * 1e3 (CODATA)
 )
 MM2_PER_CM2 = 100.0
+MAX_FLUENCE = 1e12  # a bin, 1/(mm2 mAs) at 1 m: a million times what tubes emit
+MIN_FLUENCE = 1e-6  # in all, behind filter and air: 10 000 mAs would give no photon a pixel
+MAX_SPECTRUM_BYTES = 1_000_000  # of a file: two columns of some hundred lines
 MOST_ABOVE_KEV = 0.5  # half a wide bin: the highest bin's centre may lie this far above the voltage
 
 
@@ -152,6 +156,12 @@ def make_beam(
     for name, thickness_mm in layers.items():
         mu = attenuation_per_mm(BEAM_MATERIALS[name], energy)
         fluence = fluence * np.exp(-mu * thickness_mm)
+    if not fluence.sum() > MIN_FLUENCE:
+        raise InputError(
+            f"{spectrum_file or 'acquisition.filter_mm'}: the beam has {fluence.sum():.3g} photons "
+            f"per mm2 and mAs behind {filter_mm:g} mm {filter}, air and paddle, expected more than "
+            f"{MIN_FLUENCE:g}"
+        )
     # What is left of the softest photons (below about 5 keV) weighs nothing and costs time.
     kept = fluence > 1e-9 * fluence.max()
     return Beam(target, filter, filter_mm, kvp, energy[kept], fluence[kept], flat)
@@ -166,12 +176,13 @@ def read_spectrum(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         If there is no such file, or it does not hold two columns of numbers with rising energies
         of 1 to 150 keV and fluences that are not negative.
     """
-    if not Path(path).is_file():
-        raise InputError(f"acquisition.spectrum_file: no such file: {path}")
     try:
+        text = read_text(path, MAX_SPECTRUM_BYTES)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # NumPy warns of an empty file, refused below
-            table = np.loadtxt(path, dtype=np.float64, ndmin=2)
+            table = np.loadtxt(StringIO(text), dtype=np.float64, ndmin=2)
+    except FileNotFoundError:
+        raise InputError(f"acquisition.spectrum_file: no such file: {path}") from None
     except ValueError as error:
         raise InputError(f"{path}: not two columns of numbers ({error})") from None
     except OSError as error:
@@ -183,10 +194,11 @@ def read_spectrum(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     energy, fluence = table.T
     # xraylib's energy-absorption table begins at 1 keV.
     rising = bool(np.all(np.diff(energy) > 0.0)) and energy[0] >= 1.0 and energy[-1] <= 150.0
-    sound = bool(np.all(np.isfinite(fluence) & (fluence >= 0.0))) and fluence.sum() > 0.0
+    sound = bool(np.all((fluence >= 0.0) & (fluence <= MAX_FLUENCE))) and fluence.sum() > 0.0
     if not rising or not sound:
         raise InputError(
-            f"{path}: expected rising energies of 1 to 150 keV and fluences that are not negative"
+            f"{path}: expected rising energies of 1 to 150 keV and fluences of 0 to "
+            f"{MAX_FLUENCE:g} photons per mm2 and mAs, not all 0"
         )
     return energy.copy(), fluence.copy()
 

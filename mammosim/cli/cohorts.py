@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mammosim.cli.terminal import UNCONVERGED, app, check_output, err, exit_status, out, plain
+from mammosim.cli.terminal import (
+    UNCONVERGED,
+    app,
+    check_output,
+    err,
+    exit_status,
+    say,
+    say_progress,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -57,10 +65,10 @@ def run(
         check_output(folder, resume, overwrite=False)
         with _progress() as tell:
             done = run_cohort(described, folder, scheduler=scheduler, workers=workers, tell=tell)
-        out.print(done.sentence(datetime.now()), highlight=False)
-        out.print(f"results in {folder}; open {folder / 'summary.html'}", highlight=False)
+        say(done.sentence(datetime.now()))
+        say(f"results in {folder}; open {folder / 'summary.html'}")
         if done.failed:
-            err.print(f"{done.failed} patients failed: see {folder / 'failures.csv'}")
+            say_progress(f"{done.failed} patients failed: see {folder / 'failures.csv'}")
             raise typer.Exit(UNCONVERGED)
 
 
@@ -69,22 +77,21 @@ def status(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A cohort's folder.")],
 ) -> None:
     """Tell what is in a cohort's folder."""
-    with exit_status():
+    with exit_status(result_is_text=True):
         from mammosim.cohort import cohort_status
 
         found = cohort_status(folder)
         progress = found.progress
         if found.active:
-            out.print(f"at work: {progress.sentence(datetime.now())}", highlight=False)
+            say(f"at work: {progress.sentence(datetime.now())}")
         else:
             rest = progress.waiting
-            out.print(
+            say(
                 f"{progress.done} of {progress.patients} done, {progress.failed} failed, "
-                f"{rest} not made" + ("; --resume goes on" if rest or progress.failed else ""),
-                highlight=False,
+                f"{rest} not made" + ("; --resume goes on" if rest or progress.failed else "")
             )
         for index, reason in list(found.failures.items())[:MOST_REASONS]:
-            out.print(plain(f"patient {index}: {reason}"), highlight=False)
+            say(f"patient {index}: {reason}")
 
 
 @contextmanager
@@ -100,6 +107,6 @@ def _progress() -> Iterator[Callable[[Progress], None]]:
         nonlocal last
         if monotonic() - last >= SECONDS_A_LINE:
             last = monotonic()
-            err.print(progress.sentence(datetime.now()), highlight=False)
+            say_progress(progress.sentence(datetime.now()))
 
     yield log

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from mammosim.cli.terminal import app, exit_status, out, plain
+from mammosim.cli.terminal import app, exit_status, say
 from mammosim.errors import InputError
 
 
@@ -45,13 +45,13 @@ def locate(
     One pixel gives the curve of points that it may show, with --height-mm a point; two of
     different views, or of one view under two tube angles, the point where they meet.
     """
-    with exit_status():
+    with exit_status(result_is_text=True):
         from mammosim.cli.located_lines import located_lines
         from mammosim.pipeline import locate_in_run
 
         pixels = [_pixel(text) for text in pixel]
         for line in located_lines(locate_in_run(run, view, pixels, tube_angle, height_mm, step_mm)):
-            out.print(plain(line), highlight=False)
+            say(line)
 
 
 def _pixel(text: str) -> tuple[float, float]:

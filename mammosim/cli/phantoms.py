@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mammosim.cli.terminal import app, exit_status, out, plain
+from mammosim.cli.terminal import app, exit_status, say
 from mammosim.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def info(
     reduce: Reduce = 1,
 ) -> None:
     """Size, voxel, extent, volume per tissue, orientation, side and lesions of a phantom."""
-    with exit_status():
+    with exit_status(result_is_text=True):
         from mammosim.phantom import phantom_summary, read_phantom
 
         breast = read_phantom(phantom, labels, None, axes, _sizes(voxel_mm), reduce)
@@ -80,11 +80,11 @@ def convert(
         sizes = " x ".join(str(side) for side in done.frame.shape)
         spacing = " x ".join(f"{step:g}" for step in done.frame.spacing_mm)
         found = ", ".join(str(label) for label in sorted(done.counts))
-        out.print(f"wrote {plain(str(target))}: {sizes} voxels of {spacing} mm", highlight=False)
-        out.print(f"labels: {found}", highlight=False)
-        out.print(f"orientation: {plain(done.orientation)}", highlight=False)
+        say(f"wrote {target}: {sizes} voxels of {spacing} mm")
+        say(f"labels: {found}")
+        say(f"orientation: {done.orientation}")
         for note in done.notes:
-            out.print(f"note: {plain(note)}", highlight=False)
+            say(f"note: {note}")
 
 
 def _print_phantom(summary: PhantomSummary) -> None:
@@ -116,4 +116,4 @@ def _print_phantom(summary: PhantomSummary) -> None:
         )
     lines += [("note", note) for note in summary.notes]
     for heading, value in lines:
-        out.print(f"{heading}: {plain(value)}", highlight=False)
+        say(f"{heading}: {value}")

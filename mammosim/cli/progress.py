@@ -7,7 +7,9 @@ from math import isfinite
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from mammosim.cli.terminal import err
+from rich.text import Text
+
+from mammosim.cli.terminal import err, printable, say_progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -56,8 +58,8 @@ def _moving_line() -> Iterator[Callable[..., None]]:
     with err.status("starting") as status:
 
         def show(text: str, at_once: bool = False) -> None:
-            view, colon, stage = text.partition(": ")
-            status.update(f"[bold]{view}[/]{colon}{stage}")
+            view, colon, stage = printable(text).partition(": ")
+            status.update(Text.assemble((view, "bold"), colon, stage))
 
         yield show
 
@@ -70,7 +72,7 @@ def _line_now_and_then() -> Callable[..., None]:
         nonlocal last_line
         if at_once or monotonic() - last_line > SECONDS_A_LINE:
             last_line = monotonic()
-            err.print(text, highlight=False)
+            say_progress(text)
 
     return show
 

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
+from rich.text import Text
 
 from mammosim.cli.progress import progress
-from mammosim.cli.terminal import app, check_output, exit_status, out, plain
+from mammosim.cli.terminal import app, check_output, exit_status, out, printable, say
 from mammosim.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def new(name: Annotated[str, typer.Argument(help="Name of the example, as quicks
         except OSError as error:
             raise InputError(f"{target}: cannot be written ({error.strerror})") from None
         command = "cohort run" if name == "cohort" else "run"
-        out.print(f"wrote {target}; run it with: mammosim {command} {target}")
+        say(f"wrote {target}; run it with: mammosim {command} {target}")
 
 
 @contextmanager
@@ -78,8 +79,10 @@ def run(
     with exit_status():
         from mammosim.pipeline import (
             RunFolder,
+            check_memory_limit,
             is_finished,
             load_config,
+            make_plan,
             simulate,
             title_of,
             writing,
@@ -89,9 +92,10 @@ def run(
         folder = output or Path("runs") / title
         check_output(folder, resume, overwrite)
         settings = load_config(config, change or ())
+        check_memory_limit(make_plan(settings))
         with writing(folder):
             if resume and is_finished(folder, settings):
-                out.print(f"{folder}: this run is finished already")
+                say(f"{folder}: this run is finished already")
                 return
             saved = RunFolder(folder, settings, title, reuse or ())
             with progress() as tell:
@@ -99,7 +103,7 @@ def run(
         _print_summary(study, folder)
         if saved.stages.reused:
             kept = ", ".join(saved.stages.reused)
-            out.print(f"kept from before: {kept}", highlight=False)
+            say(f"kept from before: {kept}")
 
 
 def _print_summary(study: Study, folder: Path) -> None:
@@ -108,7 +112,7 @@ def _print_summary(study: Study, folder: Path) -> None:
         table.add_column(heading, justify="left" if heading in ("view", "target") else "right")
     for row in study.targets:
         table.add_row(
-            row.view, row.name, f"{row.shift_mm:.1f}", f"{row.image_row_px:.0f}",
+            row.view, Text(printable(row.name)), f"{row.shift_mm:.1f}", f"{row.image_row_px:.0f}",
             f"{row.image_col_px:.0f}", "yes" if row.in_field else "no",
         )  # fmt: skip
     out.print(table)
@@ -116,14 +120,13 @@ def _print_summary(study: Study, folder: Path) -> None:
         if view.mammogram is not None:
             taken = view.series or view.mammogram  # load and dose of all projections together
             count = f"{len(view.series.gantries)} projections, " if view.series else ""
-            out.print(
+            say(
                 f"{name}: {count}{view.squeezed.thickness_mm:.1f} mm, "
                 f"{view.squeezed.force_n:.1f} N, "
                 f"{view.mammogram.kvp:g} kV {view.mammogram.target}/{view.mammogram.filter}, "
-                f"{taken.mas:.0f} mAs, {taken.dose_mgy:.2f} mGy",
-                highlight=False,
+                f"{taken.mas:.0f} mAs, {taken.dose_mgy:.2f} mGy"
             )
-    out.print(f"results in {folder}; open {folder / 'report.html'}", highlight=False)
+    say(f"results in {folder}; open {folder / 'report.html'}")
 
 
 @app.command()
@@ -135,21 +138,22 @@ def check(
     ] = None,
 ) -> None:
     """Validate a configuration and print the plan, without computing anything."""
-    with exit_status():
+    with exit_status(result_is_text=True):
         from mammosim.config import read_yaml
         from mammosim.pipeline import is_cohort
 
         plan_of = _cohort_plan if is_cohort(read_yaml(config)) else _run_plan
         lines = plan_of(config, change or ())
         for line in lines:
-            out.print(plain(line), highlight=False)
+            say(line)
 
 
 def _run_plan(config: Path, changes: Sequence[str]) -> list[str]:
-    from mammosim.pipeline import check_before, load_config, make_plan
+    from mammosim.pipeline import check_before, check_memory_limit, load_config, make_plan
 
     settings = load_config(config, changes)
     plan = make_plan(settings)
+    check_memory_limit(plan)
     check_before(settings)
     needs = f"about {plan.memory_gb:.1f} GB of memory and {max(plan.minutes, 0.1):.1f} minutes"
     return [*plan.lines, f"{needs} on two cores"]

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import sys
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
+from unicodedata import category
 
 import typer
 from rich.console import Console
+from rich.text import Text
 
+from mammosim.cli.streams import (
+    WatchedStream,
+    hold_standard_streams,
+    in_utf8_mode,
+    restart_in_utf8_mode,
+)
 from mammosim.errors import InputError, Interrupted, MammosimError, NotConverged
 
 if TYPE_CHECKING:
@@ -16,19 +25,50 @@ if TYPE_CHECKING:
 
 BAD_INPUT, UNCONVERGED, INTERRUPTED = 2, 3, 130
 
+STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
+"""Unicode's categories of control and formatting characters, surrogates and line ends."""
+
 app = typer.Typer(
     help="Synthetic mammograms from labelled voxel breasts, and where each lesion went.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
-out, err = Console(soft_wrap=True), Console(stderr=True, soft_wrap=True)
+# Names of lesions and files may look like markup or an emoji's name: nothing is interpreted.
+out = Console(soft_wrap=True, markup=False, emoji=False, highlight=False)
+err = Console(stderr=True, soft_wrap=True, markup=False, emoji=False, highlight=False)
 _debug = False
+_result_is_text = True
 
 
 def main() -> None:
     """Entry point of the command `mammosim`."""
-    app()
+    hold_standard_streams()
+    if not in_utf8_mode():
+        restart_in_utf8_mode()
+    output, errors = WatchedStream(sys.stdout), WatchedStream(sys.stderr)
+    sys.stdout, sys.stderr = output, errors
+    status: int | str | None = 0
+    try:
+        _refuse_odd_arguments(sys.argv[1:])
+        app()
+    except SystemExit as end:
+        status = end.code
+    output.flush()
+    if output.failed is not None and not output.is_gone:
+        say_error(f"standard output: cannot be written ({output.failed.strerror})")
+        status = status or (BAD_INPUT if _result_is_text else 0)
+    elif output.is_gone and status == 1:
+        status = 0  # Click's own status where the reader has gone
+    errors.flush()
+    sys.exit(status)
+
+
+def _refuse_odd_arguments(arguments: list[str]) -> None:
+    """Refuse what is not UTF-8: no record could name it."""
+    for argument in arguments:
+        if any("\ud800" <= letter <= "\udfff" for letter in argument):
+            say_error(f"found {argument!a:.200}, which is not UTF-8; rename the file or folder")
+            sys.exit(BAD_INPUT)
 
 
 @app.callback()
@@ -41,30 +81,70 @@ def _options(
     if version:
         from mammosim._version import VERSION
 
-        out.print(VERSION)
+        say(VERSION)
         raise typer.Exit
 
 
 @contextmanager
-def exit_status() -> Iterator[None]:
-    """Turn the package's errors into plain lines and the exit status that belongs to them."""
+def exit_status(result_is_text: bool = False) -> Iterator[None]:
+    """Turn the package's errors into plain lines and the exit status that belongs to them.
+
+    Parameters
+    ----------
+    result_is_text : bool
+        Whether what the command prints is its result, so that it has failed where that cannot be
+        written; else its result is on the disk.
+    """
+    global _result_is_text
+    _result_is_text = result_is_text
     try:
         yield
-    except MammosimError as error:
+    except (MammosimError, MemoryError) as error:
         if _debug:
             raise
-        for line in getattr(error, "problems", None) or str(error).splitlines():
-            err.print(f"[bold red]error:[/] {plain(line)}", highlight=False)
-        kinds = {InputError: BAD_INPUT, NotConverged: UNCONVERGED, Interrupted: INTERRUPTED}
-        raise typer.Exit(kinds.get(type(error), 1)) from None
+        for line in _lines_of(error):
+            say_error(line)
+        kinds: dict[type, int] = {NotConverged: UNCONVERGED, Interrupted: INTERRUPTED}
+        raise typer.Exit(kinds.get(type(error), BAD_INPUT)) from None
     except KeyboardInterrupt:
-        err.print("[bold red]interrupted[/]")
+        err.print(Text("interrupted", style="bold red"))
         raise typer.Exit(INTERRUPTED) from None
 
 
-def plain(text: str) -> str:
-    """Text that Rich prints as it is."""
-    return text.replace("[", r"\[")
+def _lines_of(error: BaseException) -> tuple[str, ...]:
+    if isinstance(error, InputError):
+        return error.problems
+    if isinstance(error, MemoryError):
+        return (f"not enough memory{f' ({error})' if str(error) else ''}; see mammosim check",)
+    return tuple(str(error).splitlines())
+
+
+def say(text: str) -> None:
+    """Print a line as it is, on standard output."""
+    out.print(Text(printable(text)))
+
+
+def say_error(text: str) -> None:
+    """Print a line as it is, on standard error, marked as an error."""
+    err.print(Text.assemble(("error:", "bold red"), " ", printable(text)))
+
+
+def say_progress(text: str) -> None:
+    """Print a line as it is, on standard error."""
+    err.print(Text(printable(text)))
+
+
+def printable(text: str) -> str:
+    r"""Text without characters that steer a terminal: those become escapes.
+
+    Examples
+    --------
+    >>> printable("mass\x1b[2J")
+    'mass\\x1b[2J'
+    """
+    return "".join(
+        ascii(letter)[1:-1] if category(letter) in STEERING else letter for letter in text
+    )
 
 
 def check_output(path: Path, resume: bool, overwrite: bool) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
 from mammosim.cohort.description import Cohort, part_of
 from mammosim.cohort.settings import DatasetSettings
+from mammosim.config import open_file
 from mammosim.errors import InputError
 from mammosim.export import write_learning_pair, write_text
 from mammosim.pipeline import RunConfig, read_record
@@ -88,7 +90,7 @@ def _pictures(patient: Path) -> dict[str, Any]:
 
 def _lesions(folder: Path, view: str) -> str:
     """Numbers of the lesions in a view's picture: the values in its mask."""
-    with (folder / "lesions.csv").open(encoding="utf-8", newline="") as stream:
+    with TextIOWrapper(open_file(folder / "lesions.csv"), "utf-8", newline="") as stream:
         seen = [
             row["target_id"]
             for row in csv.DictReader(stream)

@@ -7,6 +7,8 @@ import csv
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from io import TextIOWrapper
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,7 @@ from mammosim.cohort.distributions import (
 )
 from mammosim.cohort.distributions import Path as KeyPath
 from mammosim.cohort.settings import MOST_PATIENTS, CohortSettings
-from mammosim.config import read_yaml, to_settings
+from mammosim.config import open_file, read_yaml, to_settings, user_path
 from mammosim.errors import InputError
 from mammosim.pipeline import RunConfig, apply_change, config_of
 
@@ -162,7 +164,8 @@ def _patients_file(
                 for at, column in columns.items()
             )
         return []
-    path = folder / Path(settings.patients_file).expanduser()
+    named = user_path(settings.patients_file, f"{where}: cohort.patients_file")
+    path = folder / named
     header, rows = _csv_rows(path)
     missing = [(at, column) for at, column in columns.items() if column not in header]
     if missing:
@@ -180,16 +183,15 @@ def _patients_file(
 
 def _csv_rows(path: Path) -> tuple[list[str], list[dict[str, str]]]:
     try:
-        if path.exists() and not path.is_file():  # a device may have no end
-            raise InputError(f"{path}: cannot be read (not a file)")
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            lines = [line for line in csv.reader(stream, strict=True) if line]
+        with TextIOWrapper(open_file(path), "utf-8-sig", newline="") as stream:
+            filled = (line for line in csv.reader(stream, strict=True) if line)
+            lines = list(islice(filled, MOST_PATIENTS + 2))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as CSV in UTF-8 ({error})") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     header = [name.strip() for name in lines[0]] if lines else []
     if not header or len(set(header)) < len(header):
         raise InputError(f"{path}: expected a header, each column's name once; found {header}")
@@ -199,7 +201,7 @@ def _csv_rows(path: Path) -> tuple[list[str], list[dict[str, str]]]:
                 f"{path}, line {number}: found {len(line)} cells, expected {len(header)}"
             )
     if len(lines) - 1 > MOST_PATIENTS:
-        raise InputError(f"{path}: found {len(lines) - 1} lines, at most {MOST_PATIENTS} patients")
+        raise InputError(f"{path}: found more than {MOST_PATIENTS} lines, a line a patient")
     return header, [dict(zip(header, line, strict=True)) for line in lines[1:]]
 
 

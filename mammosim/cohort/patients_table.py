@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ from numpy.random import default_rng
 from mammosim.cohort.description import Cohort, dotted
 from mammosim.cohort.distributions import LEFT_OUT, Choice, Column, Distribution
 from mammosim.cohort.patient import Outcome
-from mammosim.export import whole_file, write_text
+from mammosim.config import open_file
+from mammosim.export import csv_text, text_of_csv, whole_file, write_text
 from mammosim.pipeline import read_record
 from mammosim.report import contact_sheet, render_cohort
 from mammosim.targets import Target
@@ -75,11 +77,11 @@ def write_tables(
             rows = [row for index, path in some for row in _rows(cohort, index, path)]
             table = pa.Table.from_pylist(rows, schema)
             columns.write_table(table)
-            lines.write_table(table)
+            lines.write_table(pa.Table.from_pylist([_as_cells(row) for row in rows], schema))
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(["patient", "kind", "reason"])
-    writer.writerows([outcome.index, outcome.kind, outcome.reason] for outcome in failed)
+    writer.writerows([outcome.index, outcome.kind, csv_text(outcome.reason)] for outcome in failed)
     write_text(folder / FAILURES, stream.getvalue())
     reasons = [(outcome.index, outcome.reason) for outcome in failed]
     drawn = {
@@ -124,7 +126,7 @@ def _rows(cohort: Cohort, index: int, folder: Path) -> Iterator[dict[str, Any]]:
     drawn = {name: _cell(value) for name, value in cohort.drawn(index).items()}
     seconds = record.get("stage_seconds", {})
     views = {view["view"]: (name, view) for name, view in record.get("views", {}).items()}
-    with (folder / "lesions.csv").open(encoding="utf-8", newline="") as stream:
+    with TextIOWrapper(open_file(folder / "lesions.csv"), "utf-8", newline="") as stream:
         for row in csv.DictReader(stream):
             name, view = views[row["view"]]
             yield {
@@ -144,11 +146,18 @@ def _cell(value: Any) -> Any:
     return json.dumps(value) if isinstance(value, (dict, list, tuple)) else value
 
 
+def _as_cells(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row whose text no spreadsheet computes."""
+    return {
+        name: csv_text(value) if isinstance(value, str) else value for name, value in row.items()
+    }
+
+
 def _parsed(text: str, kind: str) -> Any:
     if kind == "bool":
         return text == "true"
     if kind == "str":
-        return text
+        return text_of_csv(text)
     if not text:
         return None
     return int(text) if kind == "int" else float(text)

@@ -52,7 +52,7 @@ class CohortSettings(Settings):
     """CSV file with a line a patient and a header, for values of `{column: NAME}`; relative to
     the cohort's file."""
 
-    memory_gb: float | None = Field(default=None, gt=0)
+    memory_gb: float | None = Field(default=None, ge=0.01, le=1e6)
     """Memory that all local workers may use together, GB; left out: what is free."""
 
     attempts: int = Field(default=3, ge=1, le=100)

@@ -10,6 +10,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from mammosim.config import read_text
 from mammosim.errors import InputError
 from mammosim.export import write_json
 from mammosim.pipeline import STAGES_FOLDER
@@ -49,8 +50,8 @@ def note_start(folder: Path, start: str, most: int) -> None:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        note = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        note = json.loads(read_text(path))
+    except (OSError, ValueError, RecursionError):
         return {}
     sound = isinstance(note, dict) and isinstance(note.get("count"), int)
     return note if sound else {}

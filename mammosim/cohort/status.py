@@ -9,6 +9,7 @@ from pathlib import Path
 from mammosim.cohort.cohort_progress import Progress
 from mammosim.cohort.description import load_cohort
 from mammosim.cohort.patient import FAILURE
+from mammosim.config import read_text
 from mammosim.errors import InputError
 from mammosim.pipeline import is_being_written, read_record
 
@@ -76,7 +77,7 @@ def cohort_status(folder: Path) -> CohortStatus:
 
 def _failure(folder: Path) -> str | None:
     try:
-        note = json.loads((folder / FAILURE).read_text(encoding="utf-8"))
+        note = json.loads(read_text(folder / FAILURE))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, RecursionError):
@@ -87,7 +88,7 @@ def _failure(folder: Path) -> str | None:
 def _noted(folder: Path) -> dict[str, float]:
     """Numbers that the run last noted; empty where there are none."""
     try:
-        values = json.loads((folder / PROGRESS).read_text(encoding="utf-8"))
+        values = json.loads(read_text(folder / PROGRESS))
     except (OSError, ValueError, RecursionError):
         return {}
     names = {part.name for part in fields(Progress)}

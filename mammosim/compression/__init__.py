@@ -7,6 +7,7 @@ from mammosim.compression.inverse import InverseMap
 from mammosim.compression.keys import CompressionKeys
 from mammosim.compression.lattice import breast_volume_ml
 from mammosim.compression.model import MODELS, MechanicalModel, compressing_models
+from mammosim.compression.plate_check import check_plates
 from mammosim.compression.plates import held_tissue, plate_edge_mm, population_thickness_mm
 from mammosim.compression.samples import Sample, Sampler
 from mammosim.compression.settings import CompressionSettings
@@ -22,6 +23,7 @@ __all__ = [
     "Sample",
     "Sampler",
     "breast_volume_ml",
+    "check_plates",
     "compress",
     "compressing_models",
     "held_tissue",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Literal, Unpack
 
 import numpy as np
@@ -17,7 +18,7 @@ from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.spring_model import SPRINGS
 from mammosim.compression.uncompressed import UNCOMPRESSED
 from mammosim.config import documents_keys, given_settings
-from mammosim.errors import Interrupted, NotConverged
+from mammosim.errors import InputError, Interrupted, NotConverged
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, as_held
 
@@ -69,6 +70,7 @@ def compress(
     settings = given_settings(CompressionSettings, settings, keys, "compress()", ("compression",))
     if isinstance(view, str):
         view = View(view, breast.laterality, settings.mlo_angle_deg)
+    view = view_of_compressed(breast, view)
     held = as_held(breast, view.rotation[1])
     model = MODELS[settings.model]
     squeezed: CompressedBreast = model.compress(held, view, settings, seed, watch)
@@ -78,3 +80,22 @@ def compress(
         reason = model.where_it_stopped(squeezed, settings)
         raise NotConverged(f"{view.folder}: {reason}", squeezed)
     return believed(squeezed, settings)
+
+
+def view_of_compressed(breast: BreastPhantom, view: View) -> View:
+    """The view as it is taken of a breast that was compressed before, whose axes are its own.
+
+    Raises
+    ------
+    InputError
+        If the breast was compressed for another view.
+    """
+    if breast.compressed is None:
+        return view
+    held_for = breast.compressed.view
+    if held_for not in (None, view.name):
+        raise InputError(
+            f"{view.folder}: {breast.source or 'the phantom'} was compressed for {held_for} "
+            f"(phantom.compressed_for), so that no other view of it can be taken; found {view.name}"
+        )
+    return replace(view, in_compression_frame=True)

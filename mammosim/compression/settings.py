@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from mammosim.compression.model import MODELS, compressing_models
-from mammosim.config import Settings
-from mammosim.tissues import STIFFNESS_SETS, TISSUES, Moduli
+from mammosim.config import MAX_FORCE_N, MAX_LENGTH_MM, Coordinate, Settings
+from mammosim.tissues import STIFFNESS_SETS, TISSUES, Moduli, nearest_tissue
 
 
 def _known_model(value: Any) -> Any:
@@ -29,18 +29,18 @@ class PlatesInVoxels(Settings):
     0, backwards to the chest wall. Both are places of voxels' centres, and hold for the view CC.
     """
 
-    lower: float
+    lower: float = Field(ge=-1e5, le=1e5)
     """Height of the breast support's face (the thesis' LowerPlate), voxels from the lowest tissue
     layer."""
 
-    upper: float
+    upper: float = Field(ge=-1e5, le=1e5)
     """Height of the paddle's face (UpperPlate), voxels from the lowest tissue layer."""
 
-    edge: float | None = Field(default=None, gt=0)
+    edge: float | None = Field(default=None, gt=0, le=1e5)
     """Depth of the plates' edge (platePosition), voxels from the nipple; left out: as
     `plate_edge_mm`."""
 
-    chest_wall: float | None = Field(default=None, gt=0)
+    chest_wall: float | None = Field(default=None, gt=0, le=1e5)
     """Depth from which on tissue is held (chestPosition), voxels from the nipple; left out: the
     last tissue layer."""
 
@@ -66,17 +66,17 @@ class CompressionSettings(Settings):
     """Solver of the spring model: `relaxation` is the thesis' own, `multigrid` reaches the same
     equilibrium far sooner."""
 
-    thickness_mm: float | None = Field(default=None, gt=0)
+    thickness_mm: float | None = Field(default=None, ge=1, le=MAX_LENGTH_MM)
     """Gap between the plates' faces, mm; left out: from the breast's volume by the population fit
     of Hogg et al. (M-PACT)."""
 
-    force_n: float | None = Field(default=None, gt=0)
+    force_n: float | None = Field(default=None, ge=0.1, le=MAX_FORCE_N)
     """Force on the paddle, N, in place of a thickness."""
 
-    support_z_mm: float | None = None
+    support_z_mm: Coordinate | None = None
     """Final height of the breast support's face, compression frame, mm; with `paddle_z_mm`."""
 
-    paddle_z_mm: float | None = None
+    paddle_z_mm: Coordinate | None = None
     """Final height of the paddle's face, compression frame, mm; with `support_z_mm`."""
 
     plates_voxel: PlatesInVoxels | None = None
@@ -93,7 +93,7 @@ class CompressionSettings(Settings):
     """How the chest-wall plane is held: `fixed` wholly, or `sliding` in its own plane as on the
     pectoral fascia (model `hyperelastic`)."""
 
-    chest_wall_mm: float | None = None
+    chest_wall_mm: Coordinate | None = None
     """Breast-frame x up to which tissue is held as the chest wall, mm; left out: the first tissue
     layer."""
 
@@ -102,14 +102,14 @@ class CompressionSettings(Settings):
     reaches more than 12 mm in front of the chest wall, so that it lies between the plates, else
     `fixed`, as FDA's VICTRE has it."""
 
-    plate_edge_mm: float | None = None
+    plate_edge_mm: Coordinate | None = None
     """Breast-frame x of the plates' edge, mm; left out: 5 mm in front of the chest wall and, where
     muscle is `fixed`, of the muscle."""
 
     stiffness: str = "thesis"
     """Stiffness set of the tissue table; `thesis` is what the spring model was published with."""
 
-    stiffness_kpa: dict[str, Annotated[float, Field(gt=0, le=1e4)]] = Field(default_factory=dict)
+    stiffness_kpa: dict[str, Annotated[float, Field(ge=1e-3, le=1e4)]] = Field(default_factory=dict)
     """Young's modulus of single tissues in place of the set's, as {skin: 60, mass: 100}; tissues
     that the set does not name follow the one they are like."""
 
@@ -121,19 +121,19 @@ class CompressionSettings(Settings):
     """Let the breast's weight act, the patient standing; tissue moves from its shape in the
     phantom, which is taken as free of weight."""
 
-    force_tolerance: float = Field(default=0.1, gt=0, le=0.5)
+    force_tolerance: float = Field(default=0.1, ge=1e-9, le=0.5)
     """Out-of-balance force at which `hyperelastic` stops: norm of the nodes' unbalanced forces over
     that of the plates' forces on them."""
 
-    tolerance_voxel: float = Field(default=1e-3, gt=0, le=0.1)
+    tolerance_voxel: float = Field(default=1e-3, ge=1e-9, le=0.1)
     """Largest estimated distance of a node from equilibrium at which `multigrid` stops, lattice
     units."""
 
-    relaxation_limit_voxel: float = Field(default=1e-4, gt=0, le=0.1)
+    relaxation_limit_voxel: float = Field(default=1e-4, ge=1e-9, le=0.1)
     """Mean displacement of a node in a sweep at which `relaxation` stops, lattice units; 1/10 000
     in the thesis."""
 
-    max_sweeps: int = Field(default=20_000, ge=1)
+    max_sweeps: int = Field(default=20_000, ge=1, le=10_000_000)
     """Sweeps after which `relaxation` gives up."""
 
     @field_validator("stiffness")
@@ -149,7 +149,9 @@ class CompressionSettings(Settings):
         unknown = sorted(set(value) - (set(TISSUES) - {"air"}))
         if unknown:
             names = ", ".join(sorted(set(TISSUES) - {"air"}))
-            raise ValueError(f"unknown tissue {', '.join(unknown)}; expected one of {names}")
+            near = nearest_tissue(unknown[0])
+            hint = f"did you mean '{near}'? " if near else ""
+            raise ValueError(f"unknown tissue {', '.join(unknown)}; {hint}expected one of {names}")
         return value
 
     @property

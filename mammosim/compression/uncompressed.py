@@ -8,13 +8,16 @@ import numpy as np
 
 from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.displacement import DisplacementField
-from mammosim.compression.lattice import bounds_mm, tissue_front
+from mammosim.compression.lattice import bounds_mm
 from mammosim.compression.model import MechanicalModel
-from mammosim.compression.plates import plate_edge_mm
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
 from mammosim.geometry import View, VoxelFrame
-from mammosim.phantom import BreastPhantom
+from mammosim.phantom import BreastPhantom, CompressedState
+
+CELL_MM = 2.0
+"""Of the lattice, on which nothing moves: so closely does the detector's format follow the shadow
+of the breast, as with a breast that is compressed."""
 
 
 def leave_uncompressed(
@@ -25,27 +28,54 @@ def leave_uncompressed(
     watch: Callable[[np.void], None] | None = None,
     lattice_shift: tuple[float, float] = (0.0, 0.0),
 ) -> CompressedBreast:
-    """A breast that nothing moves; the plates touch it from below and above.
+    """A breast that nothing moves.
 
-    Heights of the plates are taken from the settings where both are given.
+    Plates are where the settings say, else where those are that hold the phantom already, else
+    they touch it from below and above. The detector begins at their edge or, where they have none,
+    at the first layer of tissue.
+    """
+    refuse_moving(settings)
+    low, high = bounds_mm(breast, view)
+    cells = np.maximum(np.ceil((high - low) / CELL_MM - 1e-6).astype(int), 1)
+    nx, ny, nz = (int(count) + 1 for count in cells)
+    frame = VoxelFrame(low, (high - low) / cells, (nx, ny, nz))
+    field = DisplacementField(
+        frame, np.zeros((nx, ny, nz, 3), np.float32), np.ones((nx, ny, nz), bool), view.rotation
+    )
+    held = breast.compressed or CompressedState(None)
+    support = _first(settings.support_z_mm, held.support_z_mm, low[2])
+    paddle = _first(settings.paddle_z_mm, held.paddle_z_mm, high[2])
+    history = np.zeros(0, [("iteration", np.int32)])
+    edge = _first(settings.plate_edge_mm, held.edge_mm, low[0])
+    notes: tuple[str, ...] = ()
+    if held.view is None and held.paddle_z_mm is not None:
+        notes = (
+            f"{view.folder}: the phantom holds plates, but phantom.compressed_for was left out: "
+            f"they were taken for those of {view.name}",
+        )
+    return CompressedBreast(
+        breast, view, "none", field, support, paddle, edge, True,
+        {"force_n": 0.0, "error_voxel": 0.0}, history, notes,
+    )  # fmt: skip
+
+
+def refuse_moving(settings: CompressionSettings) -> None:
+    """Refuse settings that ask for a compression where nothing moves.
+
+    Raises
+    ------
+    InputError
+        If a thickness or a force is given.
     """
     if settings.force_n is not None or settings.thickness_mm is not None:
         raise InputError(
             "compression.model: 'none' moves nothing, so thickness_mm and force_n must be left out"
         )
-    low, high = bounds_mm(breast, view)
-    frame = VoxelFrame(low, high - low, (2, 2, 2))
-    field = DisplacementField(
-        frame, np.zeros((2, 2, 2, 3), np.float32), np.ones((2, 2, 2), bool), view.rotation
-    )
-    support = low[2] if settings.support_z_mm is None else settings.support_z_mm
-    paddle = high[2] if settings.paddle_z_mm is None else settings.paddle_z_mm
-    history = np.zeros(0, [("iteration", np.int32)])
-    edge = plate_edge_mm(settings, tissue_front(breast), muscle_fixed=False)
-    return CompressedBreast(
-        breast, view, "none", field, float(support), float(paddle), edge, True,
-        {"force_n": 0.0, "error_voxel": 0.0}, history,
-    )  # fmt: skip
+
+
+def _first(*candidates: float | None) -> float:
+    """The first that is known."""
+    return float(next(value for value in candidates if value is not None))
 
 
 UNCOMPRESSED = MechanicalModel(

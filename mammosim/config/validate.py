@@ -43,7 +43,12 @@ def to_settings(
         raise InputError(f"{where}: {at}: found {_shown(values)}, expected a mapping of keys")
     try:
         # JSON mode is strict about types (no "5" for 5, no true for 1) yet takes lists for tuples.
-        return kind.model_validate_json(_as_json(values), strict=True)
+        text = _as_json(values)
+    except (ValueError, TypeError, RecursionError) as error:
+        at = ".".join(prefix) or "top level"
+        raise InputError(f"{where}: {at}: cannot be written as JSON ({error})") from None
+    try:
+        return kind.model_validate_json(text, strict=True)
     except ValidationError as error:
         items = error.errors()
         problems = [
@@ -96,6 +101,15 @@ def _sentence(kind: type[Settings], item: Any, where: str, prefix: tuple[str, ..
     if item["type"] == "too_short":
         least = item["ctx"]["min_length"]
         return f"{where}: {path}: found {_shown(item['input'])}, expected at least {least} of them"
+    if item["type"] == "too_long":
+        most, count = item["ctx"]["max_length"], item["ctx"].get("actual_length")
+        found = count if isinstance(count, int) else f"more than {most}"
+        return f"{where}: {path}: found {found} entries, expected at most {most}"
+    if item["type"] in ("list_type", "tuple_type"):
+        hint = f", as [{item['input']}]" if isinstance(item["input"], str | int | float) else ""
+        return f"{where}: {path}: found {_shown(item['input'])}, expected a list{hint:.60}"
+    if item["type"] in ("model_type", "dict_type"):
+        return f"{where}: {path}: found {_shown(item['input'])}, expected a mapping of keys"
     reason = item["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     verb = "" if item["msg"].startswith("Value error, ") else "expected "
     return f"{where}: {path}: found {_shown(item['input'])}, {verb}{reason}"
@@ -105,7 +119,7 @@ def _is_union_tag(part: Any) -> bool:
     """Pydantic puts the name of the tried alternative of a union into the path."""
     return isinstance(part, str) and (
         part[:1].isupper()
-        or part.startswith(("literal[", "list[", "tuple[", "function-", "dict["))
+        or part.startswith(("literal[", "list[", "tuple[", "function-", "dict[", "constrained-"))
         or part in {"float", "int", "str", "bool", "none"}
     )
 

@@ -11,14 +11,38 @@ from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.events import (
+    AliasEvent,
+    DocumentStartEvent,
+    MappingEndEvent,
+    MappingStartEvent,
+    NodeEvent,
+    SequenceEndEvent,
+    SequenceStartEvent,
+)
+from ruamel.yaml.parser import Parser
 
+from mammosim.config.files import open_file
 from mammosim.errors import InputError
 
-MOST_CHARACTERS = 10_000_000
-"""Of a file: far above any configuration; a device, as /dev/zero, has no end."""
+MAX_BYTES = {".json": 10_000_000}
+"""Of a file, by its ending: far above any record."""
 
-MOST_VALUES = 100_000
-"""In one file, aliases followed: far above any configuration, far below what fills memory."""
+MAX_YAML_BYTES = 1_000_000
+"""Of a YAML file, a hundred times a long configuration: it takes up to 10 s to parse."""
+
+MAX_VALUES = 20_000
+"""Keys and values in one YAML file, aliases and merge keys followed: a hundred lesions with all
+their keys are 2000, and 20 000 take 3 s to parse."""
+
+MAX_JSON_VALUES = 100_000
+"""In one JSON file, which is parsed a hundred times as fast."""
+
+MAX_DEPTH = 50
+"""Of lists and mappings in each other; a configuration has 6."""
+
+MAX_BITS = 128
+"""Of a whole number, 39 digits: as many as a seed of NumPy's generators is drawn from."""
 
 
 def read_yaml(path: str | os.PathLike[str]) -> Any:
@@ -41,20 +65,26 @@ def read_yaml(path: str | os.PathLike[str]) -> Any:
     InputError
         If the file is missing, unreadable, not text or not YAML; the message names the line.
     """
+    ending = Path(path).suffix
+    text = _text(path, MAX_BYTES.get(ending, MAX_YAML_BYTES))
+    if ending == ".json":
+        return _checked(_parse_json(text, str(path)), str(path), MAX_JSON_VALUES)
+    return _parse(text, str(path))
+
+
+def _text(path: str | os.PathLike[str], max_bytes: int) -> str:
     try:
-        with Path(path).open(encoding="utf-8") as stream:
-            text = stream.read(MOST_CHARACTERS + 1)
+        with open_file(path) as stream:
+            content = stream.read(max_bytes + 1)
+        if len(content) <= max_bytes:
+            return content.decode("utf-8")
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    if len(text) > MOST_CHARACTERS:
-        raise InputError(f"{path}: longer than {MOST_CHARACTERS} characters")
-    if Path(path).suffix == ".json":
-        return _checked(_parse_json(text, str(path)), str(path))
-    return _parse(text, str(path))
+    raise InputError(f"{path}: longer than {max_bytes} bytes")
 
 
 def parse_value(text: str, where: str) -> Any:
@@ -62,16 +92,72 @@ def parse_value(text: str, where: str) -> Any:
     return _parse(text, where)
 
 
+class _BoundedParser(Parser):
+    """A parser that counts what it has given: ruamel builds everything before anyone can look.
+
+    An alias counts as all that its anchor holds. So does a merge key, which is an alias or a list
+    of aliases to the parser: ten of them in each of ten levels would be 10^10 keys.
+    """
+
+    def __init__(self, loader: Any) -> None:
+        super().__init__(loader=loader)
+        self._values = 0
+        self._open: list[tuple[str | None, int]] = []
+        self._held: dict[str, int] = {}
+
+    def get_event(self) -> Any:
+        """The next event, counted."""
+        event = super().get_event()
+        if isinstance(event, AliasEvent):
+            itself = any(anchor == event.anchor for anchor, _ in self._open)
+            self._count(MAX_VALUES if itself else self._held.get(event.anchor, 1), event)
+        elif isinstance(event, NodeEvent):
+            self._count(1, event)
+            if isinstance(event, SequenceStartEvent | MappingStartEvent):
+                self._open.append((event.anchor, self._values - 1))
+                if len(self._open) > MAX_DEPTH:
+                    raise _refused(f"nested more than {MAX_DEPTH} deep", event)
+            elif event.anchor is not None:
+                self._held[event.anchor] = 1
+        elif isinstance(event, SequenceEndEvent | MappingEndEvent):
+            anchor, before = self._open.pop()
+            if anchor is not None:
+                self._held[anchor] = self._values - before
+        elif isinstance(event, DocumentStartEvent) and event.version == (1, 1):
+            # Its numbers to the base 60 take minutes where they are long.
+            raise _refused("YAML 1.1, expected 1.2; leave out the line %YAML", event)
+        return event
+
+    def _count(self, number: int, event: Any) -> None:
+        self._values += number
+        if self._values > MAX_VALUES:
+            what = f"more than {MAX_VALUES} values, or an alias that refers to itself"
+            raise _refused(what, event)
+
+
+class _Refused(Exception):
+    """What a file may not hold."""
+
+
+def _refused(what: str, event: Any) -> _Refused:
+    return _Refused(f", line {event.start_mark.line + 1}: {what}")
+
+
 def _parse(text: str, where: str) -> Any:
+    yaml = YAML(typ="safe", pure=True)
+    yaml.Parser = _BoundedParser
     try:
-        value = YAML(typ="safe", pure=True).load(text)
+        value = yaml.load(text)
+    except _Refused as error:
+        raise InputError(f"{where}{error}") from None
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark is not None else ""
         raise InputError(f"{where}{line}: not valid YAML ({error.problem})") from None
-    except (YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"{where}: not valid YAML ({str(error).splitlines()[0]})") from None
-    return _checked(value, where)
+    except (YAMLError, ValueError, RecursionError, OverflowError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"{where}: not valid YAML ({reason})") from None
+    return _checked(value, where, MAX_VALUES)
 
 
 def _parse_json(text: str, where: str) -> Any:
@@ -82,22 +168,29 @@ def _parse_json(text: str, where: str) -> Any:
         raise InputError(f"{where}: not valid JSON ({error})") from None
 
 
-def _checked(value: Any, where: str) -> Any:
-    """Plain values, not too many of them."""
-    for item in _walk(value, MOST_VALUES):
+def _checked(value: Any, where: str, max_values: int) -> Any:
+    """Plain values, not too many of them, and numbers of a length that can be written."""
+    count = 0
+    for item in _walk(value, max_values):
+        count += 1
         if not _has_plain_keys(item):
             raise InputError(f"{where}: not plain YAML (a key is a list, a mapping or a date)")
         if not _is_text(item):
             raise InputError(f"{where}: found {item!a:.60}, which is no text: half of a character")
-    if sum(1 for _ in _walk(value, MOST_VALUES)) > MOST_VALUES:
+        if isinstance(item, int) and item.bit_length() > MAX_BITS:
+            raise InputError(
+                f"{where}: found a whole number of {item.bit_length()} bits, expected at most "
+                f"{MAX_BITS} (39 digits)"
+            )
+    if count > max_values:
         raise InputError(
-            f"{where}: more than {MOST_VALUES} values, or an alias that refers to itself"
+            f"{where}: more than {max_values} values, or an alias that refers to itself"
         )
     return value
 
 
 def _walk(value: Any, most: int) -> Iterator[Any]:
-    """All values with aliases followed, no further than just above `most` of them."""
+    """All values and keys with aliases followed, no further than just above `most` of them."""
     waiting, count = [value], 0
     while waiting and count <= most:
         item = waiting.pop()
@@ -105,7 +198,7 @@ def _walk(value: Any, most: int) -> Iterator[Any]:
         yield item
         if isinstance(item, dict):
             waiting.extend(item.values())
-            waiting.extend(key for key in item if isinstance(key, str))
+            waiting.extend(key for key in item if isinstance(key, str | int))
         elif isinstance(item, list | tuple | set):
             waiting.extend(item)
 

@@ -25,6 +25,8 @@ from mammosim.export.series import series_geometry, write_series
 from mammosim.export.settings import ExportSettings
 from mammosim.export.tables import (
     compression_summary,
+    csv_text,
+    text_of_csv,
     write_compression,
     write_convergence,
     write_lesions,
@@ -51,6 +53,7 @@ __all__ = [
     "StudyIdentity",
     "compression_summary",
     "convert_volume",
+    "csv_text",
     "label_image",
     "lesion_masks",
     "load_path_lengths",
@@ -58,6 +61,7 @@ __all__ = [
     "read_displacement",
     "read_geometry",
     "series_geometry",
+    "text_of_csv",
     "whole_file",
     "write_compressed",
     "write_compression",

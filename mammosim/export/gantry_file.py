@@ -7,6 +7,7 @@ from dataclasses import asdict, fields
 from os import PathLike
 from pathlib import Path
 
+from mammosim.config import read_text
 from mammosim.errors import InputError
 from mammosim.export.atomic import write_json
 from mammosim.geometry import Gantry, View
@@ -27,11 +28,11 @@ def read_geometry(path: str | PathLike[str]) -> Gantry:
     """
     path = Path(path)
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = json.loads(read_text(path))
         view = View(**values.pop("view"))
         return Gantry(view=view, **values)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; was this view projected?") from None
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         known = ", ".join(field.name for field in fields(Gantry))
         raise InputError(f"{path}: expected JSON with {known} ({error})") from None

@@ -46,7 +46,7 @@ def patient_orientation(view: View) -> list[str]:
     ['A', 'FR']
     """
     sign = 1.0 if view.laterality == "L" else -1.0
-    along_row, down_column = view.breast_from_compression([[sign, 0.0, 0.0], [0.0, -sign, 0.0]])
+    along_row, down_column = np.array([[sign, 0.0, 0.0], [0.0, -sign, 0.0]]) @ view.patient_rotation
     return [_letters(along_row), _letters(down_column)]
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim.config import open_file
 from mammosim.errors import InputError
 from mammosim.export.atomic import whole_file
 from mammosim.geometry import Gantry, View
@@ -72,7 +73,7 @@ def load_path_lengths(path: str | PathLike[str]) -> PathLengths:
         image = mammosim.expose(paths, kvp=31, seed=2)
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with open_file(path) as stream, np.load(stream, allow_pickle=False) as archive:
             missing = [name for name in _ARRAYS if name not in archive]
             if missing:
                 raise InputError(

@@ -17,6 +17,9 @@ from mammosim.compression import CompressedBreast
 from mammosim.export.atomic import write_json, write_text
 from mammosim.targets import Target
 
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+"""First letters of a cell that a spreadsheet computes, also in their full width."""
+
 
 def write_lesions(targets: Sequence[Target], path: str | PathLike[str]) -> None:
     """Write one row a target and view, with the columns of `Target`.
@@ -89,4 +92,29 @@ def _cell(value: Any, number_format: str) -> str:
             return ""
         text = format(value, number_format)
         return text.removeprefix("-") if float(text) == 0.0 else text
-    return str(value)
+    return csv_text(value) if isinstance(value, str) else str(value)
+
+
+def csv_text(text: str) -> str:
+    """Text for a cell of a table that a spreadsheet may open.
+
+    Spreadsheets compute cells that begin with ``= + - @``, a tab or a carriage return, whatever
+    quotes are around them; an apostrophe before it makes them text (OWASP, "CSV Injection").
+
+    Examples
+    --------
+    >>> csv_text("=1+1"), csv_text("mass 1")
+    ("'=1+1", 'mass 1')
+    """
+    return f"'{text}" if text.startswith(FORMULA_STARTS) else text
+
+
+def text_of_csv(cell: str) -> str:
+    """What `csv_text` made a cell of.
+
+    Examples
+    --------
+    >>> text_of_csv("'=1+1"), text_of_csv("'quoted'")
+    ('=1+1', "'quoted'")
+    """
+    return cell[1:] if cell[:1] == "'" and cell[1:].startswith(FORMULA_STARTS) else cell

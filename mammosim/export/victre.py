@@ -8,6 +8,7 @@ it is compressed, so that both stages are there at once.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from mammosim.compression import CompressedBreast
 from mammosim.export.atomic import write_text
+from mammosim.export.label_files import table_of_compressed, write_label_files
 from mammosim.export.metaimage_files import write_metaimage
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom import LESION_KINDS
@@ -77,6 +79,12 @@ def write_victre(
     write_metaimage(part, corner, folder / f"{name}.mhd")
     if inserted:
         write_text(folder / f"{name}.loc", inserted)
+    # Lesions have their tissue's label here, and both volumes lie along the compression frame.
+    table = replace(
+        table_of_compressed(squeezed), lesions={}, in_patient_axes=False,
+        tissue_of_value={PADDLE_LABEL: "air"} | {t.label: t.name for t in TISSUES.values()},
+    )  # fmt: skip
+    write_label_files(table, (f"pc_{seed}.mhd", f"{name}.mhd"), folder, colours=False)
     if len(places):
         lines = [",".join(f"{value:E}" for value in place) for place in places]
         write_text(folder / f"pc_{seed}.loc", "".join(f"{line}\n" for line in lines))

@@ -14,6 +14,7 @@ from mammosim.compression import CompressedBreast
 from mammosim.export.dicom import write_dicom
 from mammosim.export.gantry_file import write_geometry
 from mammosim.export.identity import StudyIdentity
+from mammosim.export.label_files import table_of_compressed, write_label_files
 from mammosim.export.lesion_masks import lesion_masks
 from mammosim.export.matlab import write_matlab
 from mammosim.export.measurements import write_measurements
@@ -77,13 +78,17 @@ def write_compressed(
         write_lattice(squeezed.field, folder / "lattice.nii.gz")
     if labels is None or labels_frame is None:
         return
+    files = []
     formats = [*(["nii.gz"] if settings.volumes else []), *settings.compressed_formats]
     for ending in dict.fromkeys(formats):
         if ending == "victre":
             write_victre(squeezed, labels, labels_frame, folder / "victre", seed)
         else:
             path = folder / f"compressed.{ending}"
-            write_labels(labels, labels_frame, squeezed.view.rotation, path)
+            write_labels(labels, labels_frame, squeezed.view.patient_rotation, path)
+            files.append(path.name)
+    if files:
+        write_label_files(table_of_compressed(squeezed), tuple(files), folder)
 
 
 def write_images(

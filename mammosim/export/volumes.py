@@ -19,6 +19,7 @@ import SimpleITK as sitk
 from numpy.typing import NDArray
 
 from mammosim.compression import DisplacementField
+from mammosim.config import utf8_path
 from mammosim.errors import InputError
 from mammosim.export.atomic import whole_file
 from mammosim.geometry import View, VoxelFrame
@@ -154,7 +155,7 @@ def read_compressed_labels(
     """
     image = _read(path)
     labels = sitk.GetArrayFromImage(image).transpose(2, 1, 0)
-    to_lps = _lps_from_compression(view.rotation)
+    to_lps = _lps_from_compression(view.patient_rotation)
     origin = to_lps.T @ np.array(image.GetOrigin())
     nx, ny, nz = labels.shape
     return labels, VoxelFrame(origin, np.array(image.GetSpacing()), (nx, ny, nz))
@@ -164,7 +165,7 @@ def _read(path: str | PathLike[str]) -> sitk.Image:
     if not Path(path).is_file():
         raise InputError(f"{path}: no such file; export.volumes must have been true for this run")
     try:
-        return sitk.ReadImage(str(path))
+        return sitk.ReadImage(utf8_path(path))
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1]
         raise InputError(f"{path}: cannot be read ({reason})") from None
@@ -185,7 +186,7 @@ def _place(image: sitk.Image, frame: VoxelFrame, rotation: NDArray[np.float64]) 
 def _write(image: sitk.Image, path: str | PathLike[str], data_bytes: int) -> None:
     with whole_file(path) as part:
         try:
-            sitk.WriteImage(image, str(part), useCompression=True)
+            sitk.WriteImage(image, utf8_path(part), useCompression=True)
         except RuntimeError as error:
             raise OSError(str(error).strip().splitlines()[-1]) from error
         # Of its formats, ITK does not notice a full disk where it writes NIfTI.

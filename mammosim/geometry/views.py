@@ -25,12 +25,16 @@ class View:
         Angle of the plates' normal from superior towards medial in MLO, degrees, 30 to 60.
     tomosynthesis : bool
         Whether it is taken as a series of projections.
+    in_compression_frame : bool
+        Whether the phantom's axes are those of the compression frame already, as of a breast that
+        was compressed before: then nothing is turned, whatever the view.
     """
 
     name: str
     laterality: str
     mlo_angle_deg: float = 45.0
     tomosynthesis: bool = False
+    in_compression_frame: bool = False
 
     def __post_init__(self) -> None:
         if self.name not in VIEW_NAMES:
@@ -55,7 +59,16 @@ class View:
 
     @property
     def rotation(self) -> NDArray[np.float64]:
-        """(3, 3) matrix from the breast frame to the compression frame."""
+        """(3, 3) matrix from the phantom's frame to the compression frame.
+
+        The phantom's is the breast frame, or the compression frame where it says so.
+        """
+        return np.eye(3) if self.in_compression_frame else self.patient_rotation
+
+    @property
+    def patient_rotation(self) -> NDArray[np.float64]:
+        """(3, 3) matrix from the breast frame, which lies along the patient's axes, to the
+        compression frame."""
         return compression_from_breast(self.angle_deg, self.laterality)
 
     def compression_from_breast(self, vectors: ArrayLike) -> NDArray[np.float64]:

@@ -1,14 +1,20 @@
 """The uncompressed breast: readers, generator, lesions, checks."""
 
 from mammosim.phantom.anatomy import GenerateSettings, generate_phantom
-from mammosim.phantom.breast import BreastPhantom, Landmark, Lesion, OpenEnd
+from mammosim.phantom.breast import BreastPhantom, CompressedState, Landmark, Lesion, OpenEnd
 from mammosim.phantom.keys import PhantomKeys
+from mammosim.phantom.label_table import (
+    LABELS_FILE,
+    LabelledLesion,
+    LabelTable,
+    table_values,
+)
 from mammosim.phantom.lesion_kinds import LESION_KINDS, LesionForm, LesionKind
 from mammosim.phantom.lesions import insert_lesions
 from mammosim.phantom.make import make_phantom
-from mammosim.phantom.memory import available_bytes
+from mammosim.phantom.memory import address_bytes, available_bytes
 from mammosim.phantom.open_end import as_held, leaves_picture, without_open_end
-from mammosim.phantom.place import tissue_at
+from mammosim.phantom.place import box_text, tissue_at
 from mammosim.phantom.read import read_phantom
 from mammosim.phantom.readers import BREAST_AXES, TIFF_AXES_KEY, Volume, open_voxels
 from mammosim.phantom.settings import LandmarkSettings, LesionSettings, PhantomSettings
@@ -19,10 +25,14 @@ from mammosim.phantom.voxels import read_volume
 
 __all__ = [
     "BREAST_AXES",
+    "LABELS_FILE",
     "LESION_KINDS",
     "TIFF_AXES_KEY",
     "BreastPhantom",
+    "CompressedState",
     "GenerateSettings",
+    "LabelTable",
+    "LabelledLesion",
     "Landmark",
     "LandmarkSettings",
     "Lesion",
@@ -34,8 +44,10 @@ __all__ = [
     "PhantomSettings",
     "PhantomSummary",
     "Volume",
+    "address_bytes",
     "as_held",
     "available_bytes",
+    "box_text",
     "count_values",
     "expected_voxels",
     "generate_phantom",
@@ -46,6 +58,7 @@ __all__ = [
     "phantom_summary",
     "read_phantom",
     "read_volume",
+    "table_values",
     "tissue_at",
     "translated",
     "without_open_end",

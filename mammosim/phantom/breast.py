@@ -78,9 +78,38 @@ class OpenEnd:
     off_normal: NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class CompressedState:
+    """How a breast is held that was compressed before it was read.
+
+    Its axes are the compression frame's: z from the breast support to the paddle.
+
+    Parameters
+    ----------
+    view : str or None
+        View whose plates hold it; None where that is not known.
+    support_z_mm, paddle_z_mm : float or None
+        Heights of the plates' faces, mm; None where they are not known.
+    edge_mm : float or None
+        x of the plates' edge, mm.
+    end_side : float
+        +1 or -1 where the phantom ends but the body goes on, as to the axilla: the sense along y;
+        0 where it does not.
+    end_points_mm : tuple of (x, y, z)
+        Outermost points of that end, mm.
+    """
+
+    view: str | None
+    support_z_mm: float | None = None
+    paddle_z_mm: float | None = None
+    edge_mm: float | None = None
+    end_side: float = 0.0
+    end_points_mm: tuple[tuple[float, float, float], ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class BreastPhantom:
-    """A labelled voxel breast, uncompressed.
+    """A labelled voxel breast, uncompressed unless it says so.
 
     Parameters
     ----------
@@ -100,6 +129,8 @@ class BreastPhantom:
     landmarks : tuple of Landmark
     open_end : OpenEnd or None
         Where the body goes on though its voxels end; None where skin closes it or it is not known.
+    compressed : CompressedState or None
+        Where plates hold it already; its breast frame is the compression frame then.
     source : str
         Where it came from: file name or generator.
     orientation : str
@@ -117,6 +148,7 @@ class BreastPhantom:
     lesions: tuple[Lesion, ...] = ()
     landmarks: tuple[Landmark, ...] = ()
     open_end: OpenEnd | None = None
+    compressed: CompressedState | None = None
     source: str = ""
     orientation: str = ""
     notes: tuple[str, ...] = field(default=())

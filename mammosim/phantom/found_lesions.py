@@ -2,31 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.breast import Lesion
+from mammosim.phantom.label_table import LabelledLesion
 from mammosim.phantom.lesion_kinds import LESION_KINDS, lesion_tissues
+from mammosim.phantom.lesion_pieces import (
+    MERGE_MM,
+    MIN_VOLUME_MM3,
+    bounding_box,
+    check_pieces,
+    clusters,
+    joined,
+    merge_note,
+    merged,
+    pieces_of,
+)
 from mammosim.tissues import LESION_LABELS, TISSUES
 
-CLUSTER_MM = 10.0
-"""Calcifications nearer than this to another belong to its cluster: grouped calcifications lie
-within 1 cm of each other (ACR BI-RADS Atlas, Mammography, 5th edition, 2013, "Grouped")."""
+
+def named_lesions(
+    labels: NDArray[np.uint8], frame: VoxelFrame, named: Mapping[int, LabelledLesion]
+) -> tuple[Lesion, ...]:
+    """Lesions whose names and labels the file itself says.
+
+    Parameters
+    ----------
+    labels : ndarray of uint8, [x, y, z]
+    frame : VoxelFrame
+    named : mapping of int to LabelledLesion
+        By label; those without a voxel are left out.
+    """
+    lesions = []
+    for label, entry in sorted(named.items()):
+        box = bounding_box(labels, label)
+        if box is None:
+            continue
+        corner = np.array([side.start for side in box])
+        voxels = np.argwhere(labels[box] == label) + corner
+        centre = frame.position_mm(voxels.mean(axis=0))
+        volume = entry.fill * len(voxels) * float(np.prod(frame.spacing_mm))
+        tissue = LESION_KINDS[entry.kind].tissue
+        lesions.append(Lesion(entry.name, entry.kind, label, tissue, centre, volume, entry.fill))
+    return tuple(lesions)
 
 
-def number_lesions(labels: NDArray[np.uint8], frame: VoxelFrame, where: str) -> tuple[Lesion, ...]:
+def number_lesions(
+    labels: NDArray[np.uint8],
+    frame: VoxelFrame,
+    where: str,
+    merge_mm: float = MERGE_MM,
+    min_volume_mm3: float = MIN_VOLUME_MM3,
+    taken: Collection[int] = (),
+) -> tuple[tuple[Lesion, ...], tuple[str, ...]]:
     """Give every mass, cluster of calcifications and clip its own label, in place.
 
-    Masses and clips are pieces joined by face, edge or corner; calcifications are gathered into
-    clusters. Within a kind the largest comes first.
+    Pieces are voxels joined by face, edge or corner. Masses are pieces that lie near each other,
+    and crumbs with the nearest of them; calcifications are gathered into clusters; every clip is
+    one. Within a kind the largest comes first.
 
     Parameters
     ----------
@@ -35,77 +73,47 @@ def number_lesions(labels: NDArray[np.uint8], frame: VoxelFrame, where: str) -> 
     frame : VoxelFrame
     where : str
         File name, for messages.
+    merge_mm, min_volume_mm3 : float
+        Gap up to which pieces of masses are one lesion, and volume below which a piece is a crumb;
+        0 merges nothing.
+    taken : collection of int
+        Labels that other lesions have.
+
+    Returns
+    -------
+    lesions : tuple of Lesion
+    notes : tuple of str
+        How many pieces were merged.
 
     Raises
     ------
     InputError
         If there are more lesions than labels for them.
     """
+    free = [label for label in LESION_LABELS if label not in taken]
+    found, notes = [], []
     kinds = lesion_tissues()
-    found = [
-        (kind, voxels)
-        for kind in kinds.values()
-        for voxels in _lesions_of_kind(labels, frame, kind)
-    ]
-    if len(found) > len(LESION_LABELS):
+    for tissue, kind in kinds.items():
+        pieces = pieces_of(labels, TISSUES[tissue].label)
+        groups = pieces
+        if LESION_KINDS[kind].clustered and pieces:
+            groups = joined(pieces, clusters(pieces, frame))
+        elif LESION_KINDS[kind].crumbles and len(pieces) > 1:
+            check_pieces(len(pieces), where)
+            groups = merged(pieces, frame.spacing_mm, merge_mm, min_volume_mm3)
+            if len(groups) < len(pieces):
+                notes.append(merge_note(pieces, groups, frame.spacing_mm))
+        found += [(kind, voxels) for voxels in sorted(groups, key=len, reverse=True)]
+    if len(found) > len(free):
         raise InputError(
-            f"{where}: holds {len(found)} separate lesions, at most {len(LESION_LABELS)} can be "
-            "told apart; merge or remove small ones"
+            f"{where}: holds {len(found)} separate lesions, at most {len(free)} can be "
+            "told apart; merge or remove small ones (phantom.lesions_from_labels)"
         )
     lesions, number = [], dict.fromkeys(kinds.values(), 0)
-    for (kind, voxels), label in zip(found, LESION_LABELS, strict=False):
+    for (kind, voxels), label in zip(found, free, strict=False):
         number[kind] += 1
         labels[tuple(voxels.T)] = label
         volume = len(voxels) * float(np.prod(frame.spacing_mm))
         centre = frame.position_mm(voxels.mean(axis=0))
         lesions.append(Lesion(f"{kind} {number[kind]}", kind, label, kind, centre, volume))
-    return tuple(lesions)
-
-
-def _lesions_of_kind(
-    labels: NDArray[np.uint8], frame: VoxelFrame, kind: str
-) -> list[NDArray[np.int64]]:
-    """Voxel indices (n, 3) of each lesion of a kind, largest first."""
-    box = bounding_box(labels, TISSUES[kind].label)
-    if box is None:
-        return []
-    corner = np.array([side.start for side in box])
-    pieces, count = ndimage.label(labels[box] == TISSUES[kind].label, np.ones((3, 3, 3)))
-    index = np.argwhere(pieces)
-    piece = pieces[tuple(index.T)] - 1
-    if LESION_KINDS[kind].clustered:
-        centres = np.array(
-            [np.bincount(piece, index[:, axis], count) for axis in range(3)]
-        ).T / np.bincount(piece, minlength=count).reshape(-1, 1)
-        piece = _clusters(centres * frame.spacing_mm)[piece]
-    order = np.argsort(piece, kind="stable")
-    groups = np.split(index[order] + corner, np.flatnonzero(np.diff(piece[order])) + 1)
-    return sorted(groups, key=len, reverse=True)
-
-
-def bounding_box(labels: NDArray[np.uint8], label: int) -> tuple[slice, ...] | None:
-    """Smallest box around a label or None, layer by layer, so that no mask of the whole is made."""
-    layers, rows, columns = [], [], []
-    for layer, plane in enumerate(labels):
-        mask = plane == label
-        if mask.any():
-            layers.append(layer)
-            rows.append(_ends(np.flatnonzero(mask.any(axis=1))))
-            columns.append(_ends(np.flatnonzero(mask.any(axis=0))))
-    if not layers:
-        return None
-    sides = (layers, [v for ends in rows for v in ends], [v for ends in columns for v in ends])
-    return tuple(slice(int(min(side)), int(max(side)) + 1) for side in sides)
-
-
-def _ends(values: NDArray[np.intp]) -> Iterable[int]:
-    return int(values[0]), int(values[-1])
-
-
-def _clusters(centres_mm: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Cluster number of each calcification (n, 3)."""
-    pairs = cKDTree(centres_mm).query_pairs(CLUSTER_MM, output_type="ndarray")
-    size = len(centres_mm)
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (size, size))
-    numbers: NDArray[np.int32] = connected_components(graph, directed=False)[1]
-    return numbers
+    return tuple(lesions), tuple(notes)

@@ -6,7 +6,19 @@ from collections.abc import Sequence
 from typing import Literal, TypedDict
 
 from mammosim.phantom.anatomy import GenerateKeys, GenerateSettings
-from mammosim.phantom.settings import LandmarkSettings, LesionSettings
+from mammosim.phantom.settings import FoundLesionSettings, LandmarkSettings, LesionSettings
+
+
+class FoundLesionKeys(TypedDict, total=False):
+    """Keys of `FoundLesionSettings`."""
+
+    merge_mm: float
+    """Gap up to which pieces of masses are one lesion, mm; 0 takes each piece for itself. Default:
+    2.0."""
+
+    min_volume_mm3: float
+    """Volume of a piece below which it belongs to the nearest mass, mm3; 0 merges none. Default:
+    0.05."""
 
 
 class LesionKeys(TypedDict, total=False):
@@ -69,6 +81,14 @@ class PhantomKeys(TypedDict, total=False):
     reduce: int
     """Of every n voxels of the file along each axis one is kept, for what exceeds memory. Default:
     1."""
+
+    compressed_for: Literal["CC", "MLO", "ML"] | None
+    """View that the file's breast was compressed for before, with z from the breast support to the
+    paddle; other views of it are refused. Left out, what a volume of mammosim's own says; where
+    plates are labelled (50) the one view that is made."""
+
+    lesions_from_labels: FoundLesionSettings | FoundLesionKeys
+    """Which voxels of the file's masses are one lesion."""
 
     generate: GenerateSettings | GenerateKeys | None
     """Settings of the built-in generator."""

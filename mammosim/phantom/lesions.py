@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from mammosim.errors import InputError
 from mammosim.phantom.breast import BreastPhantom, Lesion
-from mammosim.phantom.found_lesions import bounding_box
 from mammosim.phantom.lesion_kinds import LESION_KINDS, Site, distance_mm, window_around
+from mammosim.phantom.lesion_pieces import bounding_box
 from mammosim.phantom.place import box_text, draw_place, tissue_at
 from mammosim.phantom.settings import LesionSettings
 from mammosim.tissues import LESION_LABELS

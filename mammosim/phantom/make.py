@@ -53,7 +53,8 @@ def make_phantom(
             labels = str(Path(folder) / labels)
         breast = read_phantom(
             Path(folder) / str(settings.file), labels, laterality, settings.axes,
-            settings.voxel_mm, settings.reduce,
+            settings.voxel_mm, settings.reduce, settings.compressed_for,
+            **settings.lesions_from_labels.model_dump(),
         )  # fmt: skip
     landmarks = _landmarks(breast, settings.landmarks)
     rng = np.random.default_rng([seed, _LESION_STREAM])

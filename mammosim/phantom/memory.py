@@ -5,11 +5,19 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+try:
+    import resource
+except ImportError:  # not a Unix: no such limits there
+    resource = None  # type: ignore[assignment]
+
 from mammosim.errors import InputError
 from mammosim.phantom.readers.volume import VoxelFile
 
 MEMINFO = Path("/proc/meminfo")
 """Linux: `MemAvailable` is what can be had without swapping (proc(5))."""
+
+STATM = Path("/proc/self/statm")
+"""Linux: the first number is the size of the address space, in pages (proc(5))."""
 
 CGROUP = Path("/sys/fs/cgroup")
 """Limits of a container or batch job (Linux, Documentation/admin-guide/cgroup-v2)."""
@@ -23,8 +31,27 @@ MOST_REDUCED = 16
 
 def available_bytes() -> int | None:
     """Memory that can be had now, or None where the system does not tell."""
-    found = [value for value in (_system_bytes(), _cgroup_bytes()) if value is not None]
-    return min(found, default=None)
+    found = [_system_bytes(), _cgroup_bytes()]
+    allowed = address_bytes()
+    if allowed is not None:
+        found.append(max(allowed - _mapped_bytes(), 0))
+    return min((value for value in found if value is not None), default=None)
+
+
+def address_bytes() -> int | None:
+    """Limit of this process' memory (``ulimit -v`` or ``-d``), or None where there is none."""
+    if resource is None:
+        return None
+    limits = [resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
+    return min((limit for limit in limits if limit != resource.RLIM_INFINITY), default=None)
+
+
+def _mapped_bytes() -> int:
+    """Address space that this process has mapped; 0 where the system does not tell."""
+    try:
+        return int(STATM.read_text(encoding="ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError, IndexError):
+        return 0
 
 
 def _system_bytes() -> int | None:

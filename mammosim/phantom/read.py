@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -11,11 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mammosim.errors import InputError
-from mammosim.geometry import VoxelFrame
+from mammosim.geometry import VIEW_NAMES, VoxelFrame
 from mammosim.phantom.bodies import find_bodies
-from mammosim.phantom.breast import BreastPhantom
-from mammosim.phantom.found_lesions import number_lesions
+from mammosim.phantom.breast import BreastPhantom, CompressedState
+from mammosim.phantom.found_lesions import named_lesions, number_lesions
+from mammosim.phantom.label_table import LABELS_FILE
+from mammosim.phantom.lesion_pieces import MERGE_MM, MIN_VOLUME_MM3
 from mammosim.phantom.orientation import nipple_position, side_of_muscle
+from mammosim.phantom.plate_labels import PLATE_LABEL, find_plates
 from mammosim.phantom.readers import Volume
 from mammosim.phantom.translate import count_values, translated
 from mammosim.phantom.voxels import read_volume
@@ -29,6 +33,9 @@ def read_phantom(
     axes: str | None = None,
     voxel_mm: ArrayLike | None = None,
     reduce: int = 1,
+    compressed_for: str | None = None,
+    merge_mm: float = MERGE_MM,
+    min_volume_mm3: float = MIN_VOLUME_MM3,
 ) -> BreastPhantom:
     """Read a labelled voxel breast.
 
@@ -49,6 +56,12 @@ def read_phantom(
         Voxel size along the file's axes, mm, instead of what the file says.
     reduce : int
         Of every n voxels along each axis one is kept.
+    compressed_for : {"CC", "MLO", "ML"}, optional
+        View for which it was compressed before, z from the breast support to the paddle. Left out:
+        what a volume of mammosim's own says.
+    merge_mm, min_volume_mm3 : float
+        Pieces of masses nearer than this to each other are one lesion, and pieces smaller than
+        this belong to the nearest one.
 
     Returns
     -------
@@ -68,17 +81,31 @@ def read_phantom(
     path = Path(path)
     if laterality not in (None, "L", "R"):
         raise InputError(f"laterality: found '{laterality}', expected L or R")
+    if compressed_for not in (None, *VIEW_NAMES):
+        raise InputError(
+            f"compressed_for: found '{compressed_for}', expected one of {', '.join(VIEW_NAMES)}"
+        )
     given = None if labels is None else load_label_map(labels)
     volume = read_volume(path, axes, voxel_mm, reduce, given)
-    voxels = _tissue_labels(volume, given or volume.label_map or LABEL_MAPS[DEFAULT_LABELS], path)
+    label_map = given or volume.label_map or LABEL_MAPS[DEFAULT_LABELS]
+    own = {} if volume.table is None else dict(volume.table.lesions)
+    if volume.table is not None and given is not None:
+        label_map = {**volume.table.tissue_of_value, **given}
+        own = {value: lesion for value, lesion in own.items() if value not in given}
+    voxels = _tissue_labels(volume, label_map, path, own)
     nx, ny, nz = voxels.shape
     frame = VoxelFrame(volume.origin_mm, volume.voxel_mm, (nx, ny, nz))
+    held = _compressed_state(volume, frame, label_map, compressed_for, path)
     bodies = find_bodies(voxels)
     nipple_mm, labelled = nipple_position(voxels, frame, bodies.tip_index)
-    wedge = side_of_muscle(voxels, frame, nipple_mm)
-    side, side_notes = _side(wedge, volume.laterality, laterality)
-    lesions = number_lesions(voxels, frame, str(path))
-    notes = [*volume.notes, *side_notes]
+    # Between plates muscle is pressed aside: the wedge of a compressed breast tells no side.
+    wedge = side_of_muscle(voxels, frame, nipple_mm) if held is None else None
+    side, side_notes = _side(wedge, volume.laterality, laterality, held is not None)
+    lesions = named_lesions(voxels, frame, own)
+    rest = (merge_mm, min_volume_mm3)
+    found, lesion_notes = number_lesions(voxels, frame, str(path), *rest, taken=own)
+    lesions += found
+    notes = [*volume.notes, *side_notes, *lesion_notes]
     if bodies.specks:
         notes.append(
             f"{bodies.specks} specks ({bodies.speck_voxels} voxels) lie apart from the main body; "
@@ -90,15 +117,51 @@ def read_phantom(
     tissue_of_label.update({lesion.label: lesion.tissue for lesion in lesions})
     return BreastPhantom(
         voxels, volume.voxel_mm, volume.origin_mm, side, tissue_of_label, nipple_mm, lesions,
-        source=path.name, orientation=volume.orientation, notes=tuple(notes),
+        compressed=held, source=path.name, orientation=volume.orientation, notes=tuple(notes),
     )  # fmt: skip
 
 
-def _side(wedge: str | None, said: str | None, given: str | None) -> tuple[str, list[str]]:
+def _compressed_state(
+    volume: Volume,
+    frame: VoxelFrame,
+    label_map: Mapping[int, str],
+    given: str | None,
+    path: Path,
+) -> CompressedState | None:
+    """How plates hold the breast: by the file's own table, by their voxels, or as given."""
+    table = volume.table
+    if table is not None and table.compressed_for is not None:
+        if given not in (None, table.compressed_for):
+            raise InputError(
+                f"phantom.compressed_for: found {given}, but {LABELS_FILE} beside {path.name} says "
+                f"{table.compressed_for}"
+            )
+        return CompressedState(
+            table.compressed_for, table.support_z_mm, table.paddle_z_mm, table.plate_edge_mm,
+            table.end_side, table.end_points_mm,
+        )  # fmt: skip
+    plates = None
+    if label_map.get(PLATE_LABEL) == "air":
+        plates = find_plates(volume.values, frame)
+    if plates is None:
+        return None if given is None else CompressedState(given)
+    return replace(plates, view=given)
+
+
+def _side(
+    wedge: str | None, said: str | None, given: str | None, compressed: bool
+) -> tuple[str, list[str]]:
     """The side to use, and what is to be said about it."""
     side = given or said or wedge
     if side is None:
-        return "L", ["no muscle wedge tells which breast it is: left was taken"]
+        why = "a compressed breast does not show" if compressed else "no muscle wedge tells"
+        return "L", [f"{why} which breast it is: left was taken; say it with laterality"]
+    if given is None and said is None:
+        name = {"L": "left", "R": "right"}[side]
+        return side, [
+            f"which breast it is was guessed from the muscle wedge: {name} was taken; say it with "
+            "laterality"
+        ]
     if said is not None and said != side:
         return side, [f"laterality {side} was given, but the file says {said}: taken as given"]
     if wedge is not None and wedge != side:
@@ -109,10 +172,13 @@ def _side(wedge: str | None, said: str | None, given: str | None) -> tuple[str, 
     return side, []
 
 
-def _tissue_labels(volume: Volume, label_map: Mapping[int, str], path: Path) -> NDArray[np.uint8]:
+def _tissue_labels(
+    volume: Volume, label_map: Mapping[int, str], path: Path, kept: Collection[int]
+) -> NDArray[np.uint8]:
     """Labels of the tissue table, [x, y, z] with z contiguous, from the file's own values."""
     counts = count_values(volume.values, path)
-    labels = translated(volume.values, counts, label_map, float(np.prod(volume.voxel_mm)), path)
+    voxel_mm3 = float(np.prod(volume.voxel_mm))
+    labels = translated(volume.values, counts, label_map, voxel_mm3, path, kept)
     if all(label_map[value] == "air" for value in counts):
         raise InputError(f"{path}: holds no tissue, only labels {sorted(counts)} which are air")
     return labels

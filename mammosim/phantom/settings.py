@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, WithJsonSchema, field_validator, model_validator
 
-from mammosim.config import Settings
+from mammosim.config import Name, Position, Settings
 from mammosim.phantom.anatomy import GenerateSettings
 from mammosim.phantom.lesion_kinds import LESION_KINDS, LesionForm, OwnKeys
+from mammosim.phantom.lesion_pieces import MERGE_MM, MIN_VOLUME_MM3
 from mammosim.phantom.memory import MOST_REDUCED
 from mammosim.phantom.readers.axes import AXES_EXPECTED, are_axes
+from mammosim.tissues import LESION_LABELS
+
+VOXEL_RANGE_MM = (1e-3, 10.0)
+"""Voxel sizes of files, mm: micro-CT has 1e-3."""
+
+VoxelSize = Annotated[
+    float,
+    WithJsonSchema({"type": "number", "minimum": VOXEL_RANGE_MM[0], "maximum": VOXEL_RANGE_MM[1]}),
+]
 
 
 def _known_kind(kind: str) -> str:
@@ -29,17 +39,17 @@ Kind = Annotated[
 class _AnyLesion(Settings):
     """Keys of a lesion of any kind."""
 
-    name: str = Field(min_length=1, max_length=64)
+    name: Name
     """Name of the lesion, each used once."""
 
     kind: Kind
     """A mass, a cluster of calcifications, or a biopsy clip."""
 
-    diameter_mm: float | None = Field(default=None, gt=0.0, le=100.0)
+    diameter_mm: float | None = Field(default=None, ge=0.05, le=100.0)
     """Diameter of the mass or cluster, or length of the clip, mm; left out, 10, 10 and 3, and 25
     along an artery."""
 
-    position_mm: tuple[float, float, float] | None = None
+    position_mm: Position | None = None
     """Centre in the breast frame, mm; left out, a place where such lesions occur is drawn."""
 
 
@@ -73,15 +83,25 @@ class LesionSettings(OwnKeys, _AnyLesion):
 class LandmarkSettings(Settings):
     """A point to follow through compression."""
 
-    name: str = Field(min_length=1, max_length=64)
+    name: Name
     """Name of the landmark, each used once."""
 
-    position_mm: tuple[float, float, float]
+    position_mm: Position
     """Position in the breast frame, mm; it must lie in tissue."""
 
 
+class FoundLesionSettings(Settings):
+    """Which voxels of a file's masses are one lesion."""
+
+    merge_mm: float = Field(default=MERGE_MM, ge=0, le=100)
+    """Gap up to which pieces of masses are one lesion, mm; 0 takes each piece for itself."""
+
+    min_volume_mm3: float = Field(default=MIN_VOLUME_MM3, ge=0, le=1e5)
+    """Volume of a piece below which it belongs to the nearest mass, mm3; 0 merges none."""
+
+
 class PhantomSettings(Settings):
-    """The uncompressed breast: read from a file, or generated."""
+    """The breast: read from a file, or generated."""
 
     file: str | None = None
     """Voxel file, or folder of a DICOM series, relative to the configuration's folder."""
@@ -92,19 +112,27 @@ class PhantomSettings(Settings):
     axes: str | None = None
     """Towards what the file's axes run, as `ALS`; left out, what it says or its voxels show."""
 
-    voxel_mm: float | tuple[float, float, float] | None = None
+    voxel_mm: VoxelSize | tuple[VoxelSize, VoxelSize, VoxelSize] | None = None
     """Voxel size along the file's axes, mm, one number or three; left out, what the file says."""
 
     reduce: int = Field(default=1, ge=1, le=MOST_REDUCED)
     """Of every n voxels of the file along each axis one is kept, for what exceeds memory."""
 
+    compressed_for: Literal["CC", "MLO", "ML"] | None = None
+    """View that the file's breast was compressed for before, with z from the breast support to the
+    paddle; other views of it are refused. Left out, what a volume of mammosim's own says; where
+    plates are labelled (50) the one view that is made."""
+
+    lesions_from_labels: FoundLesionSettings = FoundLesionSettings()
+    """Which voxels of the file's masses are one lesion."""
+
     generate: GenerateSettings | None = None
     """Settings of the built-in generator."""
 
-    lesions: tuple[LesionSettings, ...] = ()
+    lesions: tuple[LesionSettings, ...] = Field(default=(), max_length=len(LESION_LABELS))
     """Lesions put in before compression."""
 
-    landmarks: tuple[LandmarkSettings, ...] = ()
+    landmarks: tuple[LandmarkSettings, ...] = Field(default=(), max_length=1000)
     """Points to follow through compression."""
 
     @field_validator("axes")
@@ -118,8 +146,9 @@ class PhantomSettings(Settings):
     @classmethod
     def _a_size(cls, voxel_mm: Any) -> Any:
         sizes = voxel_mm if isinstance(voxel_mm, tuple) else (voxel_mm,)
-        if voxel_mm is not None and not all(0.0 < size <= 10.0 for size in sizes):
-            raise ValueError("expected lengths above 0 and up to 10 mm")
+        low, high = VOXEL_RANGE_MM
+        if voxel_mm is not None and not all(low <= size <= high for size in sizes):
+            raise ValueError(f"expected lengths of {low:g} to {high:g} mm")
         return voxel_mm
 
     @model_validator(mode="after")
@@ -129,7 +158,9 @@ class PhantomSettings(Settings):
             given = "neither" if self.file is None else "both"
             problems.append(f"exactly one of 'file' and 'generate' must be given, found {given}")
         if self.file is None and self.generate is not None:
-            keys = ("labels", "axes", "voxel_mm", "reduce")
+            keys = (
+                "labels", "axes", "voxel_mm", "reduce", "compressed_for", "lesions_from_labels"
+            )  # fmt: skip
             problems += [
                 f"'{key}' belongs to 'file', not to 'generate'"
                 for key in keys if getattr(self, key) != type(self).model_fields[key].default

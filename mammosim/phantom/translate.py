@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
@@ -32,6 +32,7 @@ def translated(
     label_map: Mapping[int, str],
     voxel_mm3: float,
     path: Path,
+    kept: Collection[int] = (),
 ) -> NDArray[np.uint8]:
     """Labels of the tissue table.
 
@@ -47,6 +48,8 @@ def translated(
         Volume of a voxel, mm3, for messages.
     path : path
         For messages.
+    kept : collection of int
+        Values that stay what they are: labels of single lesions.
 
     Returns
     -------
@@ -60,7 +63,9 @@ def translated(
     """
     _check_known(counts, label_map, voxel_mm3, path)
     keys = np.array(sorted(counts))
-    labels = np.array([TISSUES[label_map[int(key)]].label for key in keys], np.uint8)
+    labels = np.array(
+        [key if key in kept else TISSUES[label_map[int(key)]].label for key in keys], np.uint8
+    )
     out = np.empty(values.shape, np.uint8)
     if values.dtype == np.uint8:
         table = np.zeros(256, np.uint8)

@@ -105,7 +105,7 @@ def read_volume(
     values, spacing, origin = turn(voxels.values, spacing, first, letters, reduce)
     return Volume(
         values, spacing, origin, orientation, opened.laterality, opened.label_map,
-        (*notes, *remarks),
+        (*notes, *remarks), opened.table,
     )  # fmt: skip
 
 

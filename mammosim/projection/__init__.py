@@ -2,14 +2,17 @@
 
 from mammosim.projection.arc import Arc, project_arc
 from mammosim.projection.channels import channels_of, host_channel, planes_with_labels
-from mammosim.projection.feasible import check_field, check_memory
+from mammosim.projection.detector_field import STANDARD_FORMATS_MM
+from mammosim.projection.feasible import check_field, check_memory, check_shadow
 from mammosim.projection.keys import ProjectionKeys, TomosynthesisKeys
+from mammosim.projection.open_end import compressed_end
 from mammosim.projection.paths import PathLengths
 from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
 from mammosim.projection.trace import project
 from mammosim.projection.warp import compressed_labels
 
 __all__ = [
+    "STANDARD_FORMATS_MM",
     "Arc",
     "PathLengths",
     "ProjectionKeys",
@@ -19,6 +22,8 @@ __all__ = [
     "channels_of",
     "check_field",
     "check_memory",
+    "check_shadow",
+    "compressed_end",
     "compressed_labels",
     "host_channel",
     "planes_with_labels",

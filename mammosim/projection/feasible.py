@@ -7,6 +7,7 @@ import os
 
 import numpy as np
 
+from mammosim.compression import CompressedBreast
 from mammosim.errors import InputError
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
@@ -16,9 +17,11 @@ from mammosim.projection.detector_field import (
     fitting_format,
     formats_mm,
     pixels_of,
+    place_detector,
     refuse_format,
 )
 from mammosim.projection.settings import ProjectionSettings
+from mammosim.projection.voxel_map import voxel_map
 
 BYTES_A_LENGTH = 4  # single precision
 BYTES_A_RECORD = 2  # 16 bits
@@ -118,3 +121,30 @@ def check_field(
     )
     if fitting_format(shadow, settings) is None:
         refuse_format(shadow, settings)
+
+
+def check_shadow(
+    compressed: CompressedBreast, settings: ProjectionSettings, room: float = 1.0
+) -> None:
+    """Refuse a detector that cannot hold the shadow of a compressed breast.
+
+    Parameters
+    ----------
+    compressed : CompressedBreast
+        Perhaps on a coarse lattice.
+    settings : ProjectionSettings
+    room : float
+        Sides that the shadow may have, of the largest allowed format's.
+
+    Raises
+    ------
+    InputError
+        With the size that the shadow needs.
+    """
+    height, width = formats_mm(settings)[-1]
+    roomy = {"detector_mm": (height * room, width * room), "pixel_mm": 1.0}
+    try:
+        place_detector(compressed, voxel_map(compressed), settings.model_copy(update=roomy))
+    except InputError as error:
+        grown, own = f"{height * room:g} x {width * room:g}", f"{height:g} x {width:g}"
+        raise InputError(line.replace(grown, own) for line in error.problems) from None

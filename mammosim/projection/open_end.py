@@ -34,20 +34,41 @@ def open_end_mm(squeezed: CompressedBreast, gantry: Gantry) -> tuple[float, floa
         which the body goes on. None where the phantom is closed or this view does not look along
         its end.
     """
-    end = squeezed.phantom.open_end
-    if end is None:
-        return None
-    if not leaves_picture(squeezed.phantom, squeezed.view.rotation[1]):
-        return None
-    direction = float(squeezed.view.rotation[1] @ end.normal)
-    points = _on_open_end(squeezed.phantom, end, gantry.detector_edge_mm)
+    side, points = compressed_end(squeezed, gantry.detector_edge_mm)
     if len(points) == 0:
         return None
-    x, y, z = gantry.gantry_from_breast(points + squeezed.displacement_at(points)).T
+    x, y, z = gantry.gantry_from_breast(points).T
     spot = gantry.focal_spot_mm
     shadow = spot[1] + (y - spot[1]) * gantry.focal_spot_height_mm / (spot[2] - z)
-    side = math.copysign(1.0, direction)
     return side * float((side * shadow[x > 0.0]).min(initial=np.inf)), side
+
+
+def compressed_end(squeezed: CompressedBreast, edge_mm: float) -> tuple[float, NDArray[np.float64]]:
+    """Points of an open end as compression left them.
+
+    Parameters
+    ----------
+    squeezed : CompressedBreast
+    edge_mm : float
+        Breast-frame x of the detector's edge, mm.
+
+    Returns
+    -------
+    side : float
+        +1 or -1, the side along y of the compression frame to which the body goes on.
+    points_mm : ndarray, (n, 3)
+        Phantom's frame, mm; none where the phantom is closed or this view does not look along its
+        end.
+    """
+    none = 0.0, np.empty((0, 3))
+    held, end = squeezed.phantom.compressed, squeezed.phantom.open_end
+    if held is not None and held.end_points_mm:
+        return held.end_side, np.array(held.end_points_mm)
+    if end is None or not leaves_picture(squeezed.phantom, squeezed.view.rotation[1]):
+        return none
+    points = _on_open_end(squeezed.phantom, end, edge_mm)
+    side = math.copysign(1.0, float(squeezed.view.rotation[1] @ end.normal))
+    return side, points + squeezed.displacement_at(points) if len(points) else points
 
 
 def _on_open_end(breast: BreastPhantom, end: OpenEnd, edge_mm: float) -> NDArray[np.float64]:

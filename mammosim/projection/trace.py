@@ -137,7 +137,12 @@ def _filled(
         if attenuating is length:
             attenuating = length.copy()
         host = host_channel(squeezed.phantom, lesion, channels)
+        rows = np.flatnonzero(attenuating[channel].any(axis=1))
+        if rows.size == 0:
+            continue
+        # Pages of zeros beside the lesion stay untouched, and so take no memory.
+        part = np.s_[rows[0] : rows[-1] + 1]
         if host is not None:
-            attenuating[host] += np.float32(1.0 - lesion.fill) * attenuating[channel]
-        attenuating[channel] *= np.float32(lesion.fill)
+            attenuating[host, part] += np.float32(1.0 - lesion.fill) * attenuating[channel, part]
+        attenuating[channel, part] *= np.float32(lesion.fill)
     return attenuating

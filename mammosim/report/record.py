@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mammosim._version import VERSION
+from mammosim.config import open_file
 from mammosim.report.references import references_used
 
 try:
@@ -69,7 +70,7 @@ def run_hash(
 def file_hash(path: str | PathLike[str]) -> str:
     """SHA-256 of a file's content."""
     digest = hashlib.sha256()
-    with Path(path).open("rb") as stream:
+    with open_file(path) as stream:
         while block := stream.read(_BYTES_AT_ONCE):
             digest.update(block)
     return digest.hexdigest()

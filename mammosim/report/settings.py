@@ -13,7 +13,7 @@ class ReportSettings(Settings):
     html: bool = True
     """Write the report as one self-contained page."""
 
-    picture_rows: int = Field(default=1400, ge=100)
+    picture_rows: int = Field(default=1400, ge=100, le=10_000)
     """Height that the report's pictures are reduced to, pixels; the files keep every pixel."""
 
     three_d: bool = True

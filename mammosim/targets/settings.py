@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from mammosim.config import Settings
+from mammosim.config import MAX_FORCE_N, MAX_LENGTH_MM, Settings
 
 
 class BiopsySettings(Settings):
@@ -16,10 +16,10 @@ class BiopsySettings(Settings):
     """Compression while the needle goes in: that of each mammogram with its own thickness, one of
     the views, or `none` for a breast as the phantom has it."""
 
-    thickness_mm: float | None = Field(default=None, gt=0)
+    thickness_mm: float | None = Field(default=None, ge=1, le=MAX_LENGTH_MM)
     """Gap between the plates during biopsy, mm; left out: as in the mammogram of that view."""
 
-    force_n: float | None = Field(default=None, gt=0)
+    force_n: float | None = Field(default=None, ge=0.1, le=MAX_FORCE_N)
     """Force on the paddle during biopsy, N, in place of a thickness."""
 
     needle: Literal["vertical", "lateral"] = "vertical"

@@ -1,6 +1,6 @@
 """The tissue table: labels, stiffness and material of each tissue, and label maps."""
 
-from mammosim.tissues.label_maps import DEFAULT_LABELS, LABEL_MAPS, load_label_map
+from mammosim.tissues.label_maps import DEFAULT_LABELS, LABEL_MAPS, load_label_map, nearest_tissue
 from mammosim.tissues.materials import (
     CALCIFICATIONS,
     COMPOSITION_SETS,
@@ -35,6 +35,7 @@ __all__ = [
     "composition",
     "density_g_cm3",
     "load_label_map",
+    "nearest_tissue",
     "poisson_ratio",
     "stiffening",
     "stiffness_kpa",

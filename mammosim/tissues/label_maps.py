@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from types import MappingProxyType
 from typing import Any
 
@@ -14,6 +15,18 @@ LABEL_MAPS: MappingProxyType[str, MappingProxyType[int, str]] = MappingProxyType
 )
 """Label maps that come with mammosim, by name."""
 
+
+OTHER_NAMES = {
+    "fat": "adipose", "fatty": "adipose", "adipose tissue": "adipose", "glandular": "gland",
+    "fibroglandular": "gland", "parenchyma": "gland", "dense": "gland", "stroma": "ligament",
+    "cooper": "ligament", "coopers ligament": "ligament", "pectoral": "muscle",
+    "pectoralis": "muscle", "chest wall": "muscle", "areola": "nipple", "lobule": "tdlu",
+    "lobe": "tdlu", "vessel": "artery", "blood vessel": "artery", "tumor": "mass",
+    "tumour": "mass", "cancer": "mass", "lesion": "mass", "calc": "calcification",
+    "microcalcification": "calcification", "marker": "clip", "background": "air", "outside": "air",
+    "paddle": "air", "none": "air", "dermis": "skin",
+}  # fmt: skip
+"""What others call tissues of the table; only suggested, never taken for it."""
 
 DEFAULT_LABELS = "mammosim"
 """Label map of files that do not say what their values stand for."""
@@ -47,6 +60,25 @@ def load_label_map(name_or_path: str) -> MappingProxyType[int, str]:
     return MappingProxyType(_checked(read_yaml(name_or_path), str(name_or_path)))
 
 
+def nearest_tissue(name: Any) -> str | None:
+    """The tissue of the table that a name probably means, or None.
+
+    Examples
+    --------
+    >>> nearest_tissue("fat"), nearest_tissue("Muscles"), nearest_tissue("implant")
+    ('adipose', 'muscle', None)
+    """
+    plain = str(name).strip().lower().replace("_", " ").replace("-", " ").replace("'", "")
+    known = {**OTHER_NAMES, **{tissue: tissue for tissue in TISSUES}}
+    near = difflib.get_close_matches(plain, known, n=1, cutoff=0.75)
+    return known[near[0]] if near else None
+
+
+def _suggestion(name: Any) -> str:
+    near = nearest_tissue(name)
+    return f" (did you mean '{near}'?)" if near else ""
+
+
 def _checked(entries: Any, where: str) -> dict[int, str]:
     if not isinstance(entries, dict) or not entries:
         raise InputError(f"{where}: expected lines of 'label: tissue'")
@@ -54,9 +86,10 @@ def _checked(entries: Any, where: str) -> dict[int, str]:
     for label, tissue in entries.items():
         if isinstance(label, bool) or not isinstance(label, int):
             problems.append(f"{where}: label {label!r}: expected a whole number")
-        if tissue not in TISSUES:
+        if not isinstance(tissue, str) or tissue not in TISSUES:
             problems.append(
-                f"{where}: label {label!r}: found {tissue!r}, expected one of {', '.join(TISSUES)}"
+                f"{where}: label {label!r}: found {tissue!r:.60}{_suggestion(tissue)}, expected "
+                f"one of {', '.join(TISSUES)}"
             )
     if problems:
         raise InputError(problems)

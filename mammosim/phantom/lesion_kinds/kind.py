@@ -59,6 +59,9 @@ class LesionKind:
         VICTRE's number of this type of lesion (Constants.py); None: it has none.
     clustered : bool
         Whether pieces in a file that are near each other are one lesion, which then is no ball.
+    crumbles : bool
+        Whether its pieces in a file may lie apart, as ends of spicules that are thinner than a
+        voxel: pieces near each other are one lesion.
     few_voxels : bool
         Whether its brightness is in a few voxels, which smoothing would take away.
     """
@@ -71,6 +74,7 @@ class LesionKind:
     keys: type[Settings] | None = None
     victre_type: int | None = None
     clustered: bool = False
+    crumbles: bool = False
     few_voxels: bool = False
 
 

@@ -124,4 +124,5 @@ MASS = LesionKind(
     dicom_category=ABNORMAL_STRUCTURE,
     dicom_type=("4147007", "SCT", "Mass"),
     victre_type=2,
+    crumbles=True,
 )

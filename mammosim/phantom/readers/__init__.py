@@ -7,9 +7,11 @@ are read when somebody has made sure that they fit into memory.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from mammosim.errors import InputError
+from mammosim.phantom.label_table import LABELS_FILE, find_label_table
 from mammosim.phantom.readers.axes import BREAST_AXES
 from mammosim.phantom.readers.dicom_series import open_dicom_series
 from mammosim.phantom.readers.metaimage import open_metaimage
@@ -53,9 +55,16 @@ def open_voxels(path: str | Path) -> VoxelFile:
     """
     path = Path(path)
     try:
-        return _reader_of(path)(path)
+        opened = _reader_of(path)(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    table = find_label_table(opened.path)
+    if table is None:
+        return opened
+    return replace(
+        opened, table=table, laterality=table.laterality, label_map=table.tissue_of_value,
+        files=(*opened.files, path.parent / LABELS_FILE),
+    )  # fmt: skip
 
 
 def _reader_of(path: Path) -> Callable[[Path], VoxelFile]:

@@ -46,7 +46,9 @@ def are_axes(text: str) -> bool:
     return known and sorted(AXIS_OF_LETTER[letter][0] for letter in text) == [0, 1, 2]
 
 
-def axes_of_direction(direction: NDArray[np.float64], path: Path) -> str:
+def axes_of_direction(
+    direction: NDArray[np.float64], path: Path, from_lps: NDArray[np.float64] = BREAST_FROM_LPS
+) -> str:
     """Letters of a file's axes from their direction cosines.
 
     Parameters
@@ -55,13 +57,15 @@ def axes_of_direction(direction: NDArray[np.float64], path: Path) -> str:
         Columns are the LPS directions of the file's axes.
     path : path
         For messages.
+    from_lps : ndarray, (3, 3)
+        Rotation from LPS to the phantom's frame.
 
     Raises
     ------
     InputError
         If an axis lies obliquely to the patient's.
     """
-    turned = BREAST_FROM_LPS @ direction
+    turned = from_lps @ direction
     along = np.abs(turned)
     axes = np.argmax(np.where(np.isfinite(along), along, 0.0), axis=0)
     strongest = along[axes, np.arange(3)]

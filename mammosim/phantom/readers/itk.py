@@ -9,8 +9,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mammosim.config import utf8_path
 from mammosim.errors import InputError
+from mammosim.phantom.label_table import find_label_table
 from mammosim.phantom.readers.axes import BREAST_FROM_LPS, axes_of_direction
 from mammosim.phantom.readers.volume import (
     VoxelFile,
@@ -54,7 +57,7 @@ def open_itk(path: Path, says_axes: bool, files: tuple[Path, ...] = ()) -> Voxel
     import SimpleITK as sitk
 
     reader = sitk.ImageFileReader()
-    reader.SetFileName(str(path))
+    reader.SetFileName(utf8_path(path))
     with _plain_errors(path):
         reader.ReadImageInformation()
     size, pixel = reader.GetSize(), sitk.GetPixelIDValueAsString(reader.GetPixelID())
@@ -65,13 +68,21 @@ def open_itk(path: Path, says_axes: bool, files: tuple[Path, ...] = ()) -> Voxel
         )
     shape = checked_shape(size[:3], path)
     spacing = checked_spacing(reader.GetSpacing()[:3], path)
-    first = BREAST_FROM_LPS @ checked_origin(reader.GetOrigin()[:3], path)
+    from_lps = frame_from_lps(path)
+    first = from_lps @ checked_origin(reader.GetOrigin()[:3], path)
     direction = np.array(reader.GetDirection()).reshape(len(size), len(size))[:3, :3]
     return VoxelFile(
         path, shape, spacing, np.dtype(DTYPES[pixel]), partial(_load, path, shape),
-        axes_of_direction(direction, path) if says_axes else None, "by its header", True,
+        axes_of_direction(direction, path, from_lps) if says_axes else None, "by its header", True,
         first if says_axes else None, whole_copies=COPIES, files=files or (path,),
     )  # fmt: skip
+
+
+def frame_from_lps(path: Path) -> NDArray[np.float64]:
+    """(3, 3) from LPS to a phantom's frame: the breast frame, or of a compressed breast that
+    mammosim wrote the compression frame that its axes lie along."""
+    table = find_label_table(path)
+    return BREAST_FROM_LPS if table is None else table.rotation @ BREAST_FROM_LPS
 
 
 def checked_before_loading(opened: VoxelFile, check: Callable[[], None]) -> VoxelFile:
@@ -88,7 +99,7 @@ def _load(path: Path, shape: tuple[int, int, int], step: int) -> Voxels:
     import SimpleITK as sitk
 
     with _plain_errors(path):
-        image = sitk.ReadImage(str(path))
+        image = sitk.ReadImage(utf8_path(path))
     values = sitk.GetArrayFromImage(image).reshape(shape[::-1])
     return Voxels(every_nth(values.transpose(2, 1, 0), step))
 

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.errors import InputError
-from mammosim.phantom.readers.axes import BREAST_AXES, BREAST_FROM_LPS, axes_of_direction
+from mammosim.phantom.readers.axes import BREAST_AXES, axes_of_direction
 from mammosim.phantom.readers.inflate import (
     GZIP_MAGIC,
     ZLIB_FIRST_BYTE,
     inflated,
     read_layers,
 )
+from mammosim.phantom.readers.itk import frame_from_lps
 from mammosim.phantom.readers.volume import (
     MAX_DEFLATE_RATIO,
     VoxelFile,
@@ -88,8 +89,9 @@ def open_metaimage(path: Path) -> VoxelFile:
             notes.append(f"{path.name} turns its axes but says no orientation: not turned")
         axes, said_by = BREAST_AXES, BY_CUSTOM
     else:
-        axes, said_by = axes_of_direction(matrix.T, path), "by its header"
-        origin = BREAST_FROM_LPS @ origin
+        from_lps = frame_from_lps(path)
+        axes, said_by = axes_of_direction(matrix.T, path, from_lps), "by its header"
+        origin = from_lps @ origin
     return VoxelFile(
         path, shape, spacing, dtype, partial(_load, voxels, shape, dtype, path.name), axes, said_by,
         first_mm=origin, notes=tuple(notes), files=tuple(dict.fromkeys((path, voxels.path))),

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import lzma
+import struct
 import tokenize
+import warnings
 import zipfile
 import zlib
 from functools import partial
@@ -38,7 +41,8 @@ HEADER_READERS = {
 
 DAMAGE = (
     ValueError, EOFError, OSError, OverflowError, NotImplementedError, RuntimeError, TypeError,
-    KeyError, SyntaxError, MemoryError, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
+    LookupError, AttributeError, SyntaxError, MemoryError, tokenize.TokenError, struct.error,
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError,
 )  # fmt: skip
 """What NumPy and zipfile raise on damaged files: a header is a Python literal, which is parsed."""
 
@@ -134,11 +138,16 @@ def _array_header(stream: BinaryIO | Any, path: Path) -> ArrayHeader:
         version = np.lib.format.read_magic(stream)
         if version not in HEADER_READERS:
             raise ValueError(f"its version is {version}")
-        shape, fortran, dtype = HEADER_READERS[version](stream)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of Python's parser, about odd literals
+            shape, fortran, dtype = HEADER_READERS[version](stream)
     except DAMAGE as error:
         raise InputError(f"{path}: not a whole NPY file ({reason_of(error)})") from None
-    if dtype.hasobject or dtype.itemsize == 0:
+    if dtype.kind not in "iufb":
         raise InputError(f"{path}: holds {dtype} voxels, expected whole numbers")
+    # NumPy takes true for 1 and any length; a memory map of the array would not.
+    if not all(type(side) is int and 0 <= side < 2**63 for side in shape):
+        raise InputError(f"{path}: labels have shape {shape!r:.100}, expected [x, y, z]")
     return ArrayHeader(shape, dtype, fortran, stream.tell())
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mammosim.errors import InputError
+from mammosim.phantom.label_table import LabelTable
 
 MAX_DEFLATE_RATIO = 1032
 """Deflate's greatest compression (zlib technical details): a header that promises more lies."""
@@ -70,6 +71,8 @@ class VoxelFile:
         What was assumed or mended.
     files : tuple of path
         The files it consists of; the path alone where left out.
+    table : LabelTable, optional
+        Of a volume that mammosim wrote: what its values stand for, and how it was held.
     """
 
     path: Path
@@ -86,6 +89,7 @@ class VoxelFile:
     label_map: Mapping[int, str] | None = None
     notes: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
+    table: LabelTable | None = None
 
     @property
     def count(self) -> int:
@@ -114,6 +118,8 @@ class Volume:
         What each value stands for, where the file says.
     notes : tuple of str
         What was assumed or mended.
+    table : LabelTable, optional
+        Of a volume that mammosim wrote.
     """
 
     values: NDArray[Any]
@@ -123,6 +129,7 @@ class Volume:
     laterality: str | None = None
     label_map: Mapping[int, str] | None = None
     notes: tuple[str, ...] = ()
+    table: LabelTable | None = None
 
 
 def checked_shape(shape: ArrayLike, path: Path) -> tuple[int, int, int]:

@@ -9,10 +9,20 @@ from mammosim.pipeline.configuration.load_config import (
     is_cohort,
     load_config,
 )
-from mammosim.pipeline.configuration.preflight import check_before, check_detectors, check_settings
+from mammosim.pipeline.configuration.preflight import (
+    check_before,
+    check_compression,
+    check_detectors,
+    check_settings,
+)
 from mammosim.pipeline.configuration.resolved_view import BiopsyPosition, ResolvedView
 from mammosim.pipeline.configuration.run_config import RunConfig
-from mammosim.pipeline.configuration.run_plan import PLANNED_CORES, Plan, make_plan
+from mammosim.pipeline.configuration.run_plan import (
+    PLANNED_CORES,
+    Plan,
+    check_memory_limit,
+    make_plan,
+)
 from mammosim.pipeline.configuration.view_settings import VIEW_SECTIONS, ViewSettings
 
 __all__ = [
@@ -26,7 +36,9 @@ __all__ = [
     "ViewSettings",
     "apply_change",
     "check_before",
+    "check_compression",
     "check_detectors",
+    "check_memory_limit",
     "check_settings",
     "config_of",
     "given_config",

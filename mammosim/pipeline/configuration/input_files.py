@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from mammosim.config import user_path
 from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.pipeline.configuration.view_settings import VIEW_SECTIONS
 
@@ -17,13 +18,29 @@ PATH_KEYS = (
 """Keys whose value is, or may be, a path relative to the configuration's file."""
 
 
-def make_paths_absolute(values: dict[str, Any], folder: Path) -> None:
-    """Replace paths in plain values by absolute ones; `folder` is what they are relative to."""
+def make_paths_absolute(values: dict[str, Any], folder: Path, origin: str) -> None:
+    """Replace paths in plain values by absolute ones.
+
+    Parameters
+    ----------
+    values : dict
+        Changed in place.
+    folder : Path
+        What paths are relative to.
+    origin : str
+        Where the values stand, for messages.
+
+    Raises
+    ------
+    InputError
+        If a path begins with the home folder of nobody.
+    """
     for where, value in named_paths(values):
         block = values
         for key in where[:-1]:
             block = block[key]
-        block[where[-1]] = str(folder / Path(value).expanduser())
+        at = f"{origin}: {'.'.join(str(key) for key in where)}"
+        block[where[-1]] = str(folder / user_path(value, at))
 
 
 def named_paths(values: dict[str, Any]) -> list[tuple[tuple[Any, ...], str]]:

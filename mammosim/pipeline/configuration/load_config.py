@@ -34,7 +34,7 @@ def load_config(path: str | os.PathLike[str], changes: Sequence[str] = ()) -> Ru
         With one line a mistake: file, key path, value found, what is allowed.
     """
     values = _run_settings(read_yaml(path), path)
-    make_paths_absolute(values, Path(path).resolve().parent)
+    make_paths_absolute(values, Path(path).resolve().parent, str(path))
     for change in changes:
         apply_change(values, change)
     return config_of(values, Path.cwd(), str(path))
@@ -78,7 +78,7 @@ def config_of(values: dict[str, Any], folder: Path, where: str) -> RunConfig:
     InputError
         With one line a mistake.
     """
-    make_paths_absolute(values, folder)
+    make_paths_absolute(values, folder, where)
     try:
         return to_settings(RunConfig, values, where)
     except InputError as error:
@@ -104,17 +104,33 @@ def _run_settings(values: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def apply_change(values: dict[str, Any], change: str) -> None:
-    """Put ``section.key=value`` in place of what plain values say."""
+    """Put ``section.key=value`` in place of what plain values say; ``list.0.key`` is an item's."""
     name, equals, text = change.partition("=")
     keys = name.strip().split(".")
     if not equals or not all(keys):
         raise InputError(f"found '{change}', expected section.key=value")
-    block = values
-    for key in keys[:-1]:
-        below = block.get(key)
-        if below is None:
-            below = block[key] = {}
-        if not isinstance(below, dict):
-            raise InputError(f"'{name}': {key} is not a section")
-        block = below
-    block[keys[-1]] = parse_value(text, name)
+    block: Any = values
+    for number, key in enumerate(keys[:-1]):
+        place = _place_in(block, key, keys[:number], name)
+        if isinstance(block, dict) and block.get(key) is None:
+            block[key] = {}
+        block = block[place]
+    block[_place_in(block, keys[-1], keys[:-1], name)] = parse_value(text, name)
+
+
+def _place_in(block: Any, key: str, above: Sequence[str], name: str) -> str | int:
+    """Where a key of ``--set`` lies in a mapping or a list."""
+    if isinstance(block, dict):
+        return key
+    where = ".".join(above)
+    if not isinstance(block, list):
+        raise InputError(
+            f"'{name}': {where} is {block!r:.60}, no section or list; set {where} itself"
+        )
+    if not (key.isascii() and key.isdigit() and int(key[:9]) < len(block)):
+        items = f"0 to {len(block) - 1}" if block else "none yet"
+        raise InputError(
+            f"'{name}': found '{key}' in the list {where}, expected the number of an item, "
+            f"{items}; or set the whole list, as {where}=[...]"
+        )
+    return int(key)

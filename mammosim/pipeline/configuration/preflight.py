@@ -2,12 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from mammosim.acquisition import check_acquisition
-from mammosim.compression import held_tissue, plate_edge_mm
-from mammosim.errors import InputError
-from mammosim.phantom import BreastPhantom, PhantomSettings, make_phantom
+from mammosim.compression import (
+    MODELS,
+    CompressionSettings,
+    check_plates,
+    compress,
+    held_tissue,
+    plate_edge_mm,
+)
+from mammosim.errors import InputError, NotConverged
+from mammosim.phantom import BreastPhantom, PhantomSettings, box_text, make_phantom
+from mammosim.pipeline.configuration.resolved_view import ResolvedView
 from mammosim.pipeline.configuration.run_config import RunConfig
-from mammosim.projection import check_field, check_memory
+from mammosim.projection import (
+    STANDARD_FORMATS_MM,
+    check_field,
+    check_memory,
+    check_shadow,
+)
+
+CROWDED = 0.6
+"""Part of the largest detector that the outline of a breast may take before its shadow under
+compression is looked at: compression makes it up to half as long again."""
+
+UNSURE = 1.05
+"""Error of a shadow from a coarse lattice: what exceeds the detector by less is left to the run."""
+
+SHADOW_LATTICE_MM = 3.0
+"""Spacing of that lattice, mm, unless the run's own is coarser."""
 
 COARSE_VOXEL_MM = 4.0
 """Voxel of a generated breast whose outline alone is wanted, mm: it takes a second."""
@@ -22,9 +49,10 @@ def check_before(config: RunConfig) -> None:
         With one line a mistake.
     """
     check_settings(config)
-    breast = _outlined_phantom(config)
-    if breast is not None:
-        check_detectors(config, breast)
+    breast, slack_mm = _outlined_phantom(config)
+    check_compression(config, breast, slack_mm)
+    check_detectors(config, breast)
+    _check_shadows(config, breast)
 
 
 def check_settings(config: RunConfig) -> None:
@@ -50,8 +78,15 @@ def check_settings(config: RunConfig) -> None:
         raise InputError(dict.fromkeys(problems))
 
 
-def check_detectors(config: RunConfig, breast: BreastPhantom) -> None:
+def check_detectors(config: RunConfig, breast: BreastPhantom, part: float = 1.0) -> None:
     """Refuse detectors that cannot hold a breast, before it is compressed.
+
+    Parameters
+    ----------
+    config : RunConfig
+    breast : BreastPhantom
+    part : float
+        Of the detector's sides, that the breast may take.
 
     Raises
     ------
@@ -60,27 +95,125 @@ def check_detectors(config: RunConfig, breast: BreastPhantom) -> None:
     """
     problems: list[str] = []
     for view in config.resolved_views:
-        edge_mm = view.projection.detector_edge_mm
+        projection, edge_mm = view.projection, view.projection.detector_edge_mm
         if edge_mm is None:
             edge_mm = plate_edge_mm(view.compression, *held_tissue(view.compression, breast))
+        if part != 1.0:
+            height, width = projection.detector_mm or STANDARD_FORMATS_MM[-1]
+            smaller = {"detector_mm": (part * height, part * width)}
+            projection = projection.model_copy(update=smaller)
+        position = replace(
+            view.position(breast.laterality), in_compression_frame=breast.compressed is not None
+        )
         try:
-            check_field(breast, view.position(breast.laterality), edge_mm, view.projection)
+            check_field(breast, position, edge_mm, projection)
         except InputError as error:
             problems += [f"{view.label}: {line}" for line in error.problems]
     if problems:
         raise InputError(problems)
 
 
-def _outlined_phantom(config: RunConfig) -> BreastPhantom | None:
-    """The breast's outline for `check_detectors`, where a detector of a given size asks for it.
+def check_compression(config: RunConfig, breast: BreastPhantom, slack_mm: float = 0.0) -> None:
+    """Refuse views that cannot be compressed as they are asked for, before any is.
 
-    A generated breast is made of coarse voxels, up to one voxel smaller than it will be. The usual
-    formats hold nearly every breast, so that none is read for them alone.
+    Parameters
+    ----------
+    config : RunConfig
+    breast : BreastPhantom
+        Uncompressed, or compressed before.
+    slack_mm : float
+        By how much the breast may be larger than this phantom, mm.
+
+    Raises
+    ------
+    InputError
+        With one line a view.
     """
-    if not any(view.projection.detector_mm for view in config.resolved_views):
-        return None
+    problems: list[str] = []
+    names = {view.view for view in config.views}
+    held = breast.compressed
+    if held is not None and held.view is None and len(names) > 1:
+        problems.append(
+            "phantom.compressed_for: left out, but the phantom holds plates (label 50) and "
+            f"{len(names)} views are asked for; expected CC, MLO or ML, and that view alone"
+        )
+    for view in config.resolved_views:
+        try:
+            check_plates(breast, view.position(breast.laterality), view.compression, slack_mm)
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(dict.fromkeys(problems))
+
+
+def _check_shadows(config: RunConfig, breast: BreastPhantom) -> None:
+    """Refuse detectors that the compressed breast's shadow would certainly exceed.
+
+    The breast is compressed on a coarse lattice of springs, in about a second, where its outline
+    alone would already take much of the largest format.
+    """
+    problems: list[str] = []
+    for view in config.resolved_views:
+        if not MODELS[view.compression.model].compresses or view.projection.detector_edge_mm:
+            continue
+        try:
+            check_detectors(config, breast, CROWDED)
+        except InputError:
+            problems += _shadow_problems(breast, view)
+    if problems:
+        raise InputError(problems)
+
+
+def _shadow_problems(breast: BreastPhantom, view: ResolvedView) -> list[str]:
+    settings, projection = view.compression, view.projection
+    keys = {"thickness_mm", "support_z_mm", "paddle_z_mm", "plate_edge_mm", "mlo_angle_deg"}
+    coarse = CompressionSettings(
+        **settings.model_dump(include=keys),
+        resolution_mm=max(settings.resolution_mm, SHADOW_LATTICE_MM),
+    )
+    own = settings.model == coarse.model and settings.resolution_mm >= SHADOW_LATTICE_MM
+    try:
+        compressed = compress(breast, view.position(breast.laterality), coarse)
+    except (InputError, NotConverged):
+        return []  # the run itself says it better
+    try:
+        check_shadow(compressed, projection, 1.0 if own else UNSURE)
+    except InputError as error:
+        said = " ".join(error.problems)
+        return [f"{view.label}: {said}, by an estimate on a coarse lattice"]
+    return []
+
+
+def _outlined_phantom(config: RunConfig) -> tuple[BreastPhantom, float]:
+    """The breast, and by how much it may be larger than that, mm.
+
+    One from a file is read, with its lesions. A generated one is made of coarse voxels, which takes
+    a second, up to one voxel smaller than it will be; its lesions are looked for near tissue.
+    """
     phantom = config.phantom
-    if phantom.generate is not None:
-        coarse = max(COARSE_VOXEL_MM, phantom.generate.voxel_mm)
-        phantom = PhantomSettings(generate=phantom.generate.model_copy(update={"voxel_mm": coarse}))
-    return make_phantom(phantom, config.laterality, config.seed)
+    if phantom.generate is None:
+        return make_phantom(phantom, config.laterality, config.seed), 0.0
+    coarse_mm = max(COARSE_VOXEL_MM, phantom.generate.voxel_mm)
+    outline = PhantomSettings(generate=phantom.generate.model_copy(update={"voxel_mm": coarse_mm}))
+    breast = make_phantom(outline, config.laterality, config.seed)
+    _check_places(phantom, breast, 2)
+    return breast, 2.0 * coarse_mm
+
+
+def _check_places(phantom: PhantomSettings, breast: BreastPhantom, voxels: int) -> None:
+    """Refuse lesions and landmarks that lie further from tissue than some voxels of an outline."""
+    problems = []
+    for key in ("lesions", "landmarks"):
+        for number, entry in enumerate(getattr(phantom, key)):
+            if entry.position_mm is None:
+                continue
+            index = np.rint(breast.frame.index(entry.position_mm)).astype(int)
+            low, high = np.maximum(index - voxels, 0), np.maximum(index + voxels + 1, 0)
+            near = breast.labels[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+            if not near.any():
+                problems.append(
+                    f"phantom.{key}.{number}: '{entry.name}' at {list(entry.position_mm)} mm lies "
+                    f"outside the breast; {box_text(breast)}"
+                )
+    if problems:
+        raise InputError(problems)

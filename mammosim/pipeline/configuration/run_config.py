@@ -47,7 +47,7 @@ class RunConfig(Settings):
     report: ReportSettings = ReportSettings()
     """The HTML page."""
 
-    seed: int = Field(default=1, ge=0)
+    seed: int = Field(default=1, ge=0, le=2**63 - 1)
     """Seed of everything random: the generated breast, lesions, visiting order, noise."""
 
     views: tuple[ViewSettings, ...] = Field(

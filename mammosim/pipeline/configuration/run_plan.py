@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mammosim.compression import MODELS, CompressionSettings
-from mammosim.phantom import PhantomSettings, expected_voxels
+from mammosim.errors import InputError
+from mammosim.phantom import PhantomSettings, address_bytes, expected_voxels
 from mammosim.pipeline.configuration.run_config import RunConfig
 
 # Bytes and seconds below were measured with benchmarks/pipeline.py (see benchmarks/RESULTS.md) on
@@ -26,6 +27,10 @@ BASE_BYTES = 4.5e8
 
 COMPILER_BYTES = 8e8
 """Numba and LLVM while they compile the kernels, in the first run after an installation."""
+
+MAPPED_BYTES = 5e8
+"""Of the address space mapped by libraries and threads but not used: with 1.3 GB estimated, a run
+needs a limit (``ulimit -v``) between 1.2 and 1.5 GB."""
 
 SECONDS_A_VOXEL = {"file": 4e-8, "generate": 4e-7}
 SECONDS_A_PIXEL = 2.5e-6
@@ -74,6 +79,23 @@ def make_plan(config: RunConfig) -> Plan:
     lines += _target_lines(config)
     memory = BASE_BYTES + COMPILER_BYTES + voxels * BYTES_A_VOXEL + largest * len(config.views)
     return Plan(tuple(lines), memory / 1e9, seconds / 60.0)
+
+
+def check_memory_limit(plan: Plan) -> None:
+    """Refuse a run that this process' own limit of memory would end.
+
+    Raises
+    ------
+    InputError
+        With both numbers: libraries in C end a process that gets no memory by an abort.
+    """
+    allowed = address_bytes()
+    needed = plan.memory_gb * 1e9 + MAPPED_BYTES
+    if allowed is not None and needed > allowed:
+        raise InputError(
+            f"not enough memory: a limit of {allowed / 1e9:.2g} GB is set (ulimit -v), this run "
+            f"needs about {needed / 1e9:.2g} GB with its libraries"
+        )
 
 
 def _more_compressions(config: RunConfig) -> int:

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from mammosim.config import read_text
 from mammosim.errors import InputError
 from mammosim.export import PART_PREFIX
 from mammosim.pipeline.configuration import RunConfig
@@ -29,7 +30,7 @@ def is_finished(path: Path, config: RunConfig) -> bool:
 def read_record(path: Path) -> dict[str, Any]:
     """What a folder's `run.json` says; empty where there is none that can be read."""
     try:
-        record = json.loads((path / "run.json").read_text(encoding="utf-8"))
+        record = json.loads(read_text(path / "run.json"))
     except (OSError, ValueError, RecursionError):
         return {}
     return record if isinstance(record, dict) else {}

@@ -21,6 +21,7 @@ import numpy as np
 
 from mammosim._version import VERSION
 from mammosim.compression import CompressedBreast, CompressionSettings
+from mammosim.config import open_file, read_text
 from mammosim.export import whole_file, write_json
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, as_held
@@ -166,12 +167,12 @@ def _save(folder: Path, name: str, key: str, record: Any) -> None:
 def _load(path: Path, key: str) -> Any:
     """What is kept under this key; None where nothing whole is."""
     try:
-        note = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+        note = json.loads(read_text(path.with_suffix(".json")))
         if not isinstance(note, dict) or note.get("key") != key:
             return None
         if note.get("sha256") != file_hash(path):
             return None
-        with np.load(path, allow_pickle=False) as archive:
+        with open_file(path) as stream, np.load(stream, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         return unpack(json.loads(str(arrays.pop("record"))), arrays)
     except (OSError, ValueError, KeyError, TypeError, RecursionError, zipfile.BadZipFile):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.compression import DisplacementField
+from mammosim.config import read_text
 from mammosim.errors import InputError
 from mammosim.export import read_compressed_labels, read_displacement, read_geometry
 from mammosim.geometry import Gantry, VoxelFrame
@@ -100,8 +101,8 @@ def _read_view(folder: Path) -> SavedView:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        values = json.loads(read_text(path))
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read as JSON ({error})") from None
     if not isinstance(values, dict):
         raise InputError(f"{path}: expected a JSON object")

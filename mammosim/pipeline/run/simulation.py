@@ -15,6 +15,7 @@ from mammosim.pipeline.configuration import (
     ResolvedView,
     RunConfig,
     RunKeys,
+    check_compression,
     check_detectors,
     check_settings,
     given_config,
@@ -65,6 +66,7 @@ def simulate(
     check_settings(config)
     observer = RunObserver(config, output, on_progress)
     breast = observer.of_run(make_phantom)(config.phantom, config.laterality, config.seed)
+    check_compression(config, breast)
     check_detectors(config, breast)
     try:
         for view in config.resolved_views:

@@ -1,0 +1,64 @@
+"""Whether a breast can be compressed as the settings say, before it is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mammosim.compression.compress import view_of_compressed
+from mammosim.compression.lattice import Lattice, build_lattice
+from mammosim.compression.model import MODELS
+from mammosim.compression.plates import (
+    beyond_edge_height_mm,
+    held_tissue,
+    place_plates,
+    plate_edge_mm,
+)
+from mammosim.compression.settings import CompressionSettings
+from mammosim.compression.thesis_units import in_millimetres
+from mammosim.compression.uncompressed import refuse_moving
+from mammosim.geometry import View
+from mammosim.phantom import BreastPhantom, as_held
+
+
+def check_plates(
+    breast: BreastPhantom, view: View, settings: CompressionSettings, slack_mm: float = 0.0
+) -> None:
+    """Refuse what `compress` would refuse once it has a lattice.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    view : View
+    settings : CompressionSettings
+    slack_mm : float
+        By how much the breast may be larger than this phantom, which is an outline of it, mm.
+
+    Raises
+    ------
+    InputError
+        If the breast was compressed for another view, a lesion lies where this view does not hold
+        the breast, or the plates would not touch it.
+    """
+    view = view_of_compressed(breast, view)
+    held = as_held(breast, view.rotation[1])
+    if not MODELS[settings.model].compresses:
+        refuse_moving(settings)
+        return
+    settings = in_millimetres(settings, held, view)
+    reach, muscle_fixed = held_tissue(settings, held)
+    resolution_mm = max(settings.resolution_mm, 0.5 * slack_mm)
+    lattice = build_lattice(held, view, resolution_mm, settings.moduli)
+    edge = plate_edge_mm(settings, reach, muscle_fixed)
+    if slack_mm and _may_fit(lattice, settings.thickness_mm, edge, slack_mm):
+        return
+    place_plates(settings, held, view, lattice, edge)
+
+
+def _may_fit(lattice: Lattice, thickness_mm: float | None, edge_mm: float, slack_mm: float) -> bool:
+    """Whether plates can touch a breast that is larger by up to the slack."""
+    layers = np.flatnonzero(lattice.tissue.any(axis=(1, 2)))
+    front = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * layers[-1]
+    if edge_mm - slack_mm >= front:
+        return False
+    height = beyond_edge_height_mm(lattice, edge_mm - slack_mm) + slack_mm
+    return thickness_mm is None or thickness_mm < height

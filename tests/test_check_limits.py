@@ -1,0 +1,82 @@
+"""`mammosim check` says what `mammosim run` will refuse, before anything is compressed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from make_run import SMALL, invoke, save_breast, write
+
+GENERATED = {"density": "fatty", "voxel_mm": 2.0, "volume_ml": 300}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [({"phantom": {"file": "breast.npz", "lesions": [
+        {"name": f"c{number}", "kind": "clip"} for number in range(500)]}},
+      "phantom.lesions: found 500 entries, expected at most 101"),
+     ({"compression": {"thickness_mm": 90}}, "thickness_mm: found 90, but the breast between"),
+     ({"compression": {"plate_edge_mm": 60}}, "plate_edge_mm: found 60, but tissue reaches only"),
+     ({"views": ["CC", {"view": "MLO", "thickness_mm": 80}]}, "thickness_mm: found 80"),
+     ({"projection": {"detector_mm": [40, 40]}}, "projection.detector_mm: found 40 x 40"),
+     ({"projection": {"support_to_detector_mm": 560}}, "projection.detector_mm: found 300 x 240"),
+     ({"phantom": {"file": "breast.npz", "lesions": [
+         {"name": "m", "kind": "mass", "position_mm": [29, 29, 29]}]}}, "phantom.lesions.0"),
+     ({"phantom": {"file": "breast.npz", "lesions": [
+         {"name": "m", "kind": "mass", "position_mm": [12, 0, 0]},
+         {"name": "n", "kind": "mass", "position_mm": [13, 0, 0]}]}}, "overlaps"),
+     ({"phantom": {"file": "breast.npz", "landmarks": [
+         {"name": "p", "position_mm": [99, 0, 0]}]}}, "phantom.landmarks.0"),
+     ({"compression": {"model": "none", "thickness_mm": 40}}, "'none' moves nothing")],
+)  # fmt: skip
+def test_what_run_refuses_is_refused_by_check(changes, message, tmp_path):
+    path = write(save_breast(tmp_path), **changes)
+    checked = invoke("check", path)
+    assert checked.exit_code == 2, checked.output
+    assert message in checked.output
+    result = invoke("run", path, "--output", tmp_path / "out")
+    assert result.exit_code == 2, result.output
+    assert not list((tmp_path / "out").glob("*/compression.json"))
+
+
+def test_a_shadow_that_compression_makes_too_long_is_foreseen(tmp_path):
+    """The breast itself would fit: its shadow is estimated on a coarse lattice of springs."""
+    projection = {"detector_mm": [60, 40], "pixel_mm": 0.8}
+    path = write(save_breast(tmp_path), projection=projection, views=["CC"])
+    result = invoke("check", path)
+    assert result.exit_code == 2, result.output
+    assert "CC: projection.detector_mm: found 60 x 40" in result.output
+    assert invoke("run", path, "--output", tmp_path / "out").exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [({"compression": {"thickness_mm": 150}}, "thickness_mm: found 150"),
+     ({"compression": {"plate_edge_mm": 150}}, "plate_edge_mm: found 150"),
+     ({"phantom": {"generate": GENERATED, "lesions": [
+         {"name": "m", "kind": "mass", "position_mm": [200, 0, 0]}]}}, "outside the breast"),
+     ({"phantom": {"generate": GENERATED, "landmarks": [
+         {"name": "m", "position_mm": [200, 0, 0]}]}}, "outside the breast")],
+)  # fmt: skip
+def test_a_generated_breast_is_checked_by_its_outline(changes, message, tmp_path):
+    values = {"phantom": {"generate": GENERATED}, **SMALL, **changes}
+    result = invoke("check", write(tmp_path, **values))
+    assert result.exit_code == 2, result.output
+    assert message in result.output
+
+
+def test_what_fits_passes(tmp_path):
+    lesions = [{"name": "m", "kind": "mass", "diameter_mm": 6, "position_mm": [30, 0, 0]}]
+    path = write(tmp_path, phantom={"generate": GENERATED, "lesions": lesions})
+    assert invoke("check", path).exit_code == 0
+
+
+def test_a_file_with_lesions_leaves_fewer(tmp_path):
+    labels = np.ones((60, 60, 60), np.uint8)
+    labels[4:56:12, 4:56:12, 4:56:12] = 200
+    np.savez(tmp_path / "b.npz", labels=labels, voxel_mm=np.ones(3), origin_mm=np.zeros(3))
+    lesions = [{"name": f"c{number}", "kind": "clip"} for number in range(10)]
+    merged = {"merge_mm": 0, "min_volume_mm3": 0}
+    phantom = {"file": "b.npz", "lesions": lesions, "lesions_from_labels": merged}
+    result = invoke("check", write(tmp_path, phantom=phantom))
+    assert result.exit_code == 2
+    assert "separate lesions, at most 101" in result.output
