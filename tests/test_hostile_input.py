@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import pytest
 from make_run import invoke, read_table, save_breast, write
-from mammosim.pipeline.locating import locate_lines
 
 from mammosim.acquisition.spectrum import read_spectrum
 from mammosim.cohort import cohort_schema, load_cohort
@@ -16,7 +15,14 @@ from mammosim.config import open_file, parse_value, read_yaml, to_settings, user
 from mammosim.errors import InputError
 from mammosim.export import csv_text, text_of_csv
 from mammosim.phantom import LandmarkSettings, LesionSettings, read_phantom
-from mammosim.pipeline import RunConfig, apply_change, config_of, load_config, read_record
+from mammosim.pipeline import (
+    RunConfig,
+    apply_change,
+    config_of,
+    load_config,
+    locate_in_run,
+    read_record,
+)
 from mammosim.tissues import composition, load_label_map
 
 SECONDS = 5.0
@@ -162,7 +168,7 @@ def test_records_that_are_no_files_count_as_none(no_file):
     assert read_record(run) == {}
     no_file("geometry.json")
     with pytest.raises(InputError):
-        locate_lines(run, ["CC"], [(1.0, 1.0)])
+        locate_in_run(run, ["CC"], [(1.0, 1.0)])
 
 
 def numbers_without_bounds(schema: dict) -> list[str]:

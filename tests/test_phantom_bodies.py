@@ -86,7 +86,7 @@ def lesioned():
 def test_every_lesion_gets_its_own_label():
     labels = lesioned()
     frame = frame_of(labels)
-    lesions = number_lesions(labels, frame, "b.npy")
+    lesions = number_lesions(labels, frame, "b.npy")[0]
     assert [lesion.name for lesion in lesions] == [
         "mass 1", "mass 2", "calcification 1", "calcification 2", "clip 1",
     ]  # fmt: skip
@@ -103,14 +103,14 @@ def test_calcifications_further_than_a_centimetre_are_two_clusters():
     for gap, clusters in ((10, 1), (11, 2)):
         labels = np.ones((20, 4, 4), np.uint8)
         labels[2, 1, 1] = labels[2 + gap, 1, 1] = 250
-        assert len(number_lesions(labels, frame_of(labels), "b")) == clusters
+        assert len(number_lesions(labels, frame_of(labels), "b")[0]) == clusters
 
 
 def test_more_lesions_than_labels():
     labels = np.ones((30, 30, 4), np.uint8)
     labels[::2, ::2, 1] = 200
     with pytest.raises(InputError, match=r"b\.npy: holds 225 separate lesions, at most 101"):
-        number_lesions(labels, frame_of(labels), "b.npy")
+        number_lesions(labels, frame_of(labels), "b.npy", 0.0, 0.0)
 
 
 def test_read_lesions_and_summary(tmp_path):

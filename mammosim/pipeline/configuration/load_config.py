@@ -119,7 +119,7 @@ def apply_change(values: dict[str, Any], change: str) -> None:
 
 
 def _place_in(block: Any, key: str, above: Sequence[str], name: str) -> str | int:
-    """Where a key of ``--set`` lies in a mapping or a list."""
+    """Where a part of a key path lies in a mapping or a list."""
     if isinstance(block, dict):
         return key
     where = ".".join(above)
