@@ -8,7 +8,7 @@ from mammosim.compression.compress import view_of_compressed
 from mammosim.compression.lattice import Lattice, build_lattice
 from mammosim.compression.model import MODELS
 from mammosim.compression.plates import (
-    beyond_edge_height_mm,
+    heights_beyond_edge_mm,
     held_tissue,
     place_plates,
     plate_edge_mm,
@@ -60,5 +60,5 @@ def _may_fit(lattice: Lattice, thickness_mm: float | None, edge_mm: float, slack
     front = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * layers[-1]
     if edge_mm - slack_mm >= front:
         return False
-    height = beyond_edge_height_mm(lattice, edge_mm - slack_mm) + slack_mm
-    return thickness_mm is None or thickness_mm < height
+    low, high = heights_beyond_edge_mm(lattice, edge_mm - slack_mm)
+    return thickness_mm is None or thickness_mm < high - low + slack_mm

@@ -1,7 +1,7 @@
 """Paddle and breast support: what they are (`solids`), and where they go (`placement`)."""
 
 from mammosim.compression.plates.placement import (
-    beyond_edge_height_mm,
+    heights_beyond_edge_mm,
     held_tissue,
     place_plates,
     plate_edge_mm,
@@ -14,7 +14,7 @@ __all__ = [
     "SHAPES",
     "PlatePlace",
     "Plates",
-    "beyond_edge_height_mm",
+    "heights_beyond_edge_mm",
     "held_tissue",
     "place_plates",
     "plate_edge_mm",
