@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from naive import hyperelastic as naive
@@ -242,6 +244,35 @@ def test_pressure_and_push_are_those_of_the_signed_distance(side):
     np.testing.assert_allclose(push, expected, atol=1e-6)  # central differences
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_contact_blocks_are_the_second_derivative_of_the_contact_energy(side):
+    plate, stiffness = StraightPlate(1.5, side, -0.5, 0.8), 7.0
+    places = np.random.default_rng(9).uniform(-3.0, 3.0, (60, 3))
+    places[:20] = (-0.5, 0.0, 1.5) + 0.8 * np.abs(places[:20] / 3.0) * (1.0, 1.0, side)
+
+    def energy(place):
+        return 0.5 * stiffness * min(naive.straight_distance(plate, *place), 0.0) ** 2
+
+    blocks, flat = np.zeros((60, 6)), np.zeros((60, 6))
+    contact.add_contact_blocks(places, plate, stiffness, 1.0, blocks)
+    contact.add_contact_blocks(places, plate, stiffness, 0.0, flat)
+    step, unit = 1e-4, np.eye(3)
+    pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+    for place, block in zip(places, blocks, strict=True):
+        expected = [
+            sum(
+                a * b * energy(place + step * (a * unit[i] + b * unit[j]))
+                for a, b in product((1, -1), repeat=2)
+            )
+            / (4.0 * step**2)
+            for i, j in pairs
+        ]
+        np.testing.assert_allclose(block, expected, rtol=1e-4, atol=1e-5)  # of differences
+    assert (blocks != flat).any()  # the rounded edge is there
+    whole = flat[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    assert np.linalg.eigvalsh(whole).min() > -1e-12  # without its curvature nothing is negative
+
+
 def test_forces_and_stiffness_of_the_contact_are_those_of_the_definition():
     cells, local, area, _ = points()
     rng = np.random.default_rng(10)
@@ -261,6 +292,10 @@ def test_forces_and_stiffness_of_the_contact_are_those_of_the_definition():
     contact.add_contact_forces(pressure, push, area, cells, local, out)
     np.testing.assert_allclose(out, force, atol=1e-12)  # rounding
     stencil = np.zeros((*SHAPE[:2], 126, SHAPE[2]), np.float32)
-    contact.add_contact_stiffness(pressure, push, area, 7.0, cells, local, stencil)
+    both = np.where(pressure > 0.0, 7.0, 0.0)
+    x, y, z = np.moveaxis(push, 2, 0)
+    pairs = (x * x, x * y, x * z, y * y, y * z, z * z)
+    blocks = np.stack([(both * pair).sum(axis=0) for pair in pairs], axis=1)
+    contact.add_contact_stiffness(blocks, area, cells, local, stencil)
     # Single precision.
     np.testing.assert_allclose(naive.dense(stencil), matrix, atol=1e-6 * np.abs(matrix).max())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,14 +18,17 @@ from mammosim.compression.hyperelastic.measures import (
     unbalanced_place,
     weakest_place,
 )
-from mammosim.compression.hyperelastic.mesh import WALL, build_mesh
+from mammosim.compression.hyperelastic.mesh import WALL, Mesh, Support, build_mesh
 from mammosim.compression.hyperelastic.newton import State
 from mammosim.compression.hyperelastic.stages import HISTORY, Stages
 from mammosim.compression.model import MechanicalModel
 from mammosim.compression.plates import Plates, held_tissue, place_plates, plate_edge_mm
 from mammosim.compression.settings import CompressionSettings
+from mammosim.compression.spring_case import DOWN, GRAVITY_M_S2
+from mammosim.errors import InputError
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
+from mammosim.tissues import SkinSheet
 
 AIR_LAYERS = 3
 """Of nodes around the tissue that move with it, the first along the slope of the field."""
@@ -39,6 +43,19 @@ numbers a node."""
 SECONDS_PER_COMPRESSION, SECONDS_PER_NODE = 6.0, 8e-5
 """On two cores: bodies of some ten thousand elements take as many Newton steps as large ones, and
 threads hardly share them (measured with benchmarks/biopsy_shift.py)."""
+
+
+FORCE_TOLERANCE_IS_GONE = (
+    "compression.force_tolerance is deprecated and has no effect; use compression.tolerance_mm"
+)
+
+
+class BodyBetweenPlates(NamedTuple):
+    """Elements of a breast, the final place of the plates, and what was assumed."""
+
+    mesh: Mesh
+    plates: Plates
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,17 +99,12 @@ def compress_hyperelastic(
 
     Notes
     -----
-    W = mu/2 (J^(-2/3) I1 - 3) + kappa/2 (J - 1)^2, the volume being kept on the mean of an element.
-    No skin tension, gravity, friction or bending of the plates.
+    W = mu/2 (J^(-2/3) I1 - 3) + kappa/2 (J - 1)^2, the volume being kept on the mean of an element;
+    skin is a membrane in tension, fascia an elastic layer behind the breast (`hyperelastic`). No
+    gravity, friction or bending of the plates; time plays no part.
     """
-    reach, fixed = held_tissue(settings, breast)
-    mesh = build_mesh(
-        breast, view, settings.resolution_mm, settings.moduli, settings.chest_wall, fixed,
-        lattice_shift,
-    )  # fmt: skip
-    edge = plate_edge_mm(settings, reach, fixed)
-    plates, notes = place_plates(settings, breast, view, mesh.elements, edge)
-    stages = Stages(mesh, edge, settings.force_tolerance, watch)
+    mesh, plates, notes = body_between_plates(breast, view, settings, lattice_shift)
+    stages = Stages(mesh, plates.edge_mm, settings.tolerance_mm, watch)
 
     def with_force(plates: Plates, start: _Reached | None) -> tuple[_Reached, float]:
         near = start is not None and start.plates.thickness_mm - plates.thickness_mm < (
@@ -109,7 +121,67 @@ def compress_hyperelastic(
         state = reached.state
     else:
         state = stages.compress(plates)
-    return _result(breast, view, stages, plates, state, (*mesh.elements.notes, *notes))
+    return _result(breast, view, stages, plates, state, notes)
+
+
+def body_between_plates(
+    breast: BreastPhantom,
+    view: View,
+    settings: CompressionSettings,
+    lattice_shift: tuple[float, float] = (0.0, 0.0),
+) -> BodyBetweenPlates:
+    """The elements of a breast and where its plates go, before anything moves.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    view : View
+    settings : CompressionSettings
+    lattice_shift : tuple of float
+        As `compress_hyperelastic` takes it.
+    """
+    reach, fixed = held_tissue(settings, breast)
+    support = Support(
+        settings.wall, fixed, _skin_of(breast, settings), _fascia_of(settings),
+        _gravity_of(view) if settings.gravity else None, settings.fibres.ratio,
+    )  # fmt: skip
+    resolution = settings.resolution_mm
+    mesh = build_mesh(breast, view, resolution, settings.moduli, support, lattice_shift)
+    edge = plate_edge_mm(settings, reach, fixed)
+    plates, notes = place_plates(settings, breast, view, mesh.elements, edge)
+    if settings.force_tolerance is not None:
+        notes = (*notes, FORCE_TOLERANCE_IS_GONE)
+    return BodyBetweenPlates(mesh, plates, (*mesh.elements.notes, *notes))
+
+
+def _skin_of(breast: BreastPhantom, settings: CompressionSettings) -> SkinSheet | None:
+    """Skin as a sheet; None where it is a solid tissue or there is none.
+
+    Raises
+    ------
+    InputError
+        If a sheet is asked for around a phantom without skin.
+    """
+    sheet = settings.skin_sheet
+    labels = [label for label, name in breast.tissue_of_label.items() if name == "skin"]
+    if sheet is None or any((plane == x).any() for x in labels for plane in breast.labels):
+        return sheet
+    if settings.skin is not None:
+        raise InputError(
+            f"compression.skin: found for {breast.source}, which has no voxels of skin; leave it "
+            "out"
+        )
+    return None
+
+
+def _fascia_of(settings: CompressionSettings) -> float:
+    return settings.fascia_kpa_per_mm if settings.wall == "fascia" else 0.0
+
+
+def _gravity_of(view: View) -> tuple[float, float, float]:
+    """Acceleration by gravity of a woman who stands, compression frame, m/s2."""
+    x, y, z = view.compression_from_breast(DOWN) * GRAVITY_M_S2
+    return float(x), float(y), float(z)
 
 
 def _result(
@@ -156,8 +228,8 @@ def _result(
 def _where_it_stopped(compressed: CompressedBreast, settings: CompressionSettings) -> str:
     measures = compressed.measures
     return (
-        f"hyperelastic stopped at an out-of-balance force of {measures['out_of_balance']:.3g} "
-        f"(allowed {settings.force_tolerance:g}), smallest J {measures['smallest_j']:.3g}, "
+        f"hyperelastic stopped at an estimated error of {measures['error_mm']:.3g} mm "
+        f"(allowed {settings.tolerance_mm:g}), smallest J {measures['smallest_j']:.3g}, "
         f"after {compressed.history.size} steps; "
         + (compressed.notes[-1] if compressed.notes else "")
     )
@@ -179,6 +251,8 @@ HYPERELASTIC = MechanicalModel(
     method=lambda settings: "hyperelastic",
     where_it_stopped=_where_it_stopped,
     quantities=_quantities,
+    own_keys=("gravity", "skin", "fibres", "fascia_kpa_per_mm", "tolerance_mm", "force_tolerance"),
+    chest_walls=("fascia", "fixed", "sliding"),
     bytes_per_node=BYTES_PER_NODE,
     seconds=_seconds,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Literal, TypedDict
 
-from mammosim.compression.settings import PlatesInVoxels
+from mammosim.compression.settings import FibreSettings, PlatesInVoxels, SkinSettings
 
 
 class PlatesInVoxelsKeys(TypedDict, total=False):
@@ -25,6 +25,26 @@ class PlatesInVoxelsKeys(TypedDict, total=False):
     chest_wall: float | None
     """Depth from which on tissue is held (chestPosition), voxels from the nipple; left out: the
     last tissue layer."""
+
+
+class SkinKeys(TypedDict, total=False):
+    """Keys of `SkinSettings`."""
+
+    young_kpa: float | None
+    """Young's modulus, kPa; left out: `stiffness_kpa.skin`, else that of the stiffness set, else
+    344 kPa (measured in vivo)."""
+
+    thickness_mm: float | None
+    """Thickness, mm; left out: as the phantom's voxels show it, else 1.55 mm."""
+
+
+class FibreKeys(TypedDict, total=False):
+    """Keys of `FibreSettings`."""
+
+    ratio: float
+    """Young's modulus in tension along the fibres over that across them; 1 for none. Compressed in
+    vivo, breasts stretch less from front to back than isotropic models say (Tanner 2011). Default:
+    1.0."""
 
 
 class CompressionKeys(TypedDict, total=False):
@@ -63,9 +83,15 @@ class CompressionKeys(TypedDict, total=False):
     mlo_angle_deg: float
     """Angle of the plates' normal from superior towards medial in MLO, degrees. Default: 45.0."""
 
-    chest_wall: Literal["fixed", "sliding"]
-    """How the chest-wall plane is held: `fixed` wholly, or `sliding` in its own plane as on the
-    pectoral fascia (model `hyperelastic`). Default: fixed."""
+    chest_wall: Literal["fixed", "sliding", "fascia"] | None
+    """How the chest-wall plane is held: `fixed` wholly; or, with the model `hyperelastic`,
+    `fascia`, in its own plane by a thin elastic layer, or `sliding`, not at all in its own plane.
+    Left out: `fascia` with `hyperelastic`, else `fixed`."""
+
+    fascia_kpa_per_mm: float
+    """Stiffness of the retromammary fascia in shear: kPa of stress for each mm by which the breast
+    glides over the chest wall. Assumed: loose tissue of about 1 kPa, 1 to 2 mm thick. Default:
+    0.7."""
 
     chest_wall_mm: float | None
     """Breast-frame x up to which tissue is held as the chest wall, mm; left out: the first tissue
@@ -88,6 +114,13 @@ class CompressionKeys(TypedDict, total=False):
     """Young's modulus of single tissues in place of the set's, as {skin: 60, mass: 100}; tissues
     that the set does not name follow the one they are like."""
 
+    skin: SkinSettings | SkinKeys | None
+    """Skin as a thin sheet that carries tension only, in place of what the stiffness set has. Left
+    out: as the set has it; `krouskop` (344 kPa) and `aspiration` (56 kPa) have such a sheet."""
+
+    fibres: FibreSettings | FibreKeys
+    """Fibres of the tissue (model `hyperelastic`)."""
+
     spring_law: Literal["linear", "exponential"]
     """Whether springs keep their stiffness or gain with strain as in the thesis' listing, E = Ec
     exp(Enl e); clinical forces need the latter. Default: linear."""
@@ -96,9 +129,12 @@ class CompressionKeys(TypedDict, total=False):
     """Let the breast's weight act, the patient standing; tissue moves from its shape in the
     phantom, which is taken as free of weight. Default: False."""
 
-    force_tolerance: float
-    """Out-of-balance force at which `hyperelastic` stops: norm of the nodes' unbalanced forces over
-    that of the plates' forces on them. Default: 0.1."""
+    tolerance_mm: float
+    """Distance from equilibrium at which `hyperelastic` stops: the mean over all nodes, as the
+    solver estimates it, mm. Default: 0.02."""
+
+    force_tolerance: float | None
+    """Deprecated and of no effect: `tolerance_mm` has taken its place."""
 
     tolerance_voxel: float
     """Largest estimated distance of a node from equilibrium at which `multigrid` stops, lattice

@@ -177,6 +177,41 @@ def _gather(
     return fraction, mean, muscle
 
 
+def block_mean(
+    breast: BreastPhantom, view: View, frame: VoxelFrame, value_of: Callable[[str], float]
+) -> NDArray[np.float32]:
+    """Mean of a positive property over the tissue in each block, [x, y, z]; 0 in air.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    view : View
+    frame : VoxelFrame
+        Centres of the blocks, compression frame, mm.
+    value_of : callable
+        The property of a tissue, by its name.
+    """
+    return _gather(breast, view, frame, value_of)[1]
+
+
+def tissue_part(
+    breast: BreastPhantom, view: View, frame: VoxelFrame, tissue: str
+) -> NDArray[np.float32]:
+    """Part of each block around the points of a frame that is one tissue, [x, y, z].
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    view : View
+    frame : VoxelFrame
+        Centres of the blocks, compression frame, mm.
+    tissue : str
+        Its name in the table.
+    """
+    part, _, _ = _gather(breast, view, frame, lambda name: float(name == tissue))
+    return part
+
+
 def breast_volume_ml(breast: BreastPhantom) -> float:
     """Volume of all tissue but muscle, mL."""
     layers = np.zeros(breast.labels.shape[0], np.int64)

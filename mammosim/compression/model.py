@@ -26,7 +26,7 @@ class MechanicalModel:
     own_keys : tuple of str
         Keys of `CompressionSettings` that other models do not know.
     chest_walls : tuple of str
-        Values of the key `chest_wall` that it knows.
+        Values of the key `chest_wall` that it knows; the first is its default.
     compresses : bool
         Whether tissue is moved, so that plates press and the compression can be varied.
     bytes_per_node : float
@@ -44,7 +44,7 @@ class MechanicalModel:
     where_it_stopped: Callable[[Any, Any], str]
     quantities: Callable[[Any, Any], Mapping[str, float]] = lambda compressed, settings: {}
     own_keys: tuple[str, ...] = ()
-    chest_walls: tuple[str, ...] = ("fixed", "sliding")
+    chest_walls: tuple[str, ...] = ("fixed", "sliding", "fascia")
     compresses: bool = True
     bytes_per_node: float = 0.0
     seconds: Callable[[Any, float], float] = lambda settings, nodes: 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,13 @@ from mammosim.tissues import TISSUES
 
 LATTICE_SHIFTS = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
 """Parts of the spacing along y and z by which the lattices lie off their usual place."""
+
+FASCIA = "fascia"
+"""Name of its stiffness among the groups of tissues."""
+
+FASCIA_SPREAD = 3.0
+"""Standard deviation of the logarithm of the fascia's stiffness, in those of a tissue's modulus:
+nobody has measured it in women (assumed)."""
 
 THINNEST = 0.5
 """Of the thickness that is varied: no sample is compressed further."""
@@ -82,7 +90,8 @@ class Sampler:
     Attributes
     ----------
     groups : tuple of str
-        Groups of tissues whose stiffness can be varied: those that occur in the breast.
+        Groups of tissues whose stiffness can be varied: those that occur in the breast, and
+        `fascia` last where it holds the breast.
 
     Notes
     -----
@@ -96,7 +105,8 @@ class Sampler:
         self._middle_mm = 0.5 * (squeezed.support_z_mm + squeezed.paddle_z_mm)
         self._thickness_mm, self._edge_mm = squeezed.thickness_mm, squeezed.plate_edge_mm
         self._settings = in_millimetres(settings, squeezed.phantom, squeezed.view)
-        self.groups = _groups(squeezed.phantom)
+        tied = (FASCIA,) if settings.wall == FASCIA else ()
+        self.groups = (*_groups(squeezed.phantom), *tied)
 
     @one_blas_thread
     def compressed(
@@ -139,16 +149,30 @@ class Sampler:
             for tissue in TISSUES
             if tissue != "air"
         }
-        changes = {
+        changes: dict[str, Any] = {
             "thickness_mm": None,
             "force_n": None,
             "support_z_mm": middle - 0.5 * gap,
             "paddle_z_mm": middle + 0.5 * gap,
             "plate_edge_mm": self._edge_mm + sample.edge_mm,
             "stiffness_kpa": moduli,
+            **self._varied_structure(sample, moduli),
             **MODELS[self._model].sample_keys,
         }
         return self._settings.model_copy(update=changes)
+
+    def _varied_structure(self, sample: Sample, moduli: dict[str, float]) -> dict[str, Any]:
+        """Fascia of a sample, and skin where it is a sheet, whose modulus it then is."""
+        settings, sheet = self._settings, self._settings.skin_sheet
+        changes: dict[str, Any] = {}
+        if FASCIA in sample.stiffness:
+            factor = sample.stiffness[FASCIA] ** FASCIA_SPREAD
+            changes["fascia_kpa_per_mm"] = factor * settings.fascia_kpa_per_mm
+        if sheet is not None:
+            moduli["skin"] = sample.stiffness.get("skin", 1.0) * sheet.young_kpa
+            if settings.skin is not None:
+                changes["skin"] = settings.skin.model_copy(update={"young_kpa": None})
+        return changes
 
 
 def _groups(breast: BreastPhantom) -> tuple[str, ...]:

@@ -8,7 +8,14 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from mammosim.compression.model import MODELS, compressing_models
 from mammosim.config import MAX_FORCE_N, MAX_LENGTH_MM, Coordinate, Settings
-from mammosim.tissues import STIFFNESS_SETS, TISSUES, Moduli, nearest_tissue
+from mammosim.tissues import (
+    SKIN_SHEETS,
+    STIFFNESS_SETS,
+    TISSUES,
+    Moduli,
+    SkinSheet,
+    nearest_tissue,
+)
 
 
 def _known_model(value: Any) -> Any:
@@ -53,6 +60,25 @@ class PlatesInVoxels(Settings):
         return self
 
 
+class SkinSettings(Settings):
+    """Skin as a thin sheet around the breast (model `hyperelastic`)."""
+
+    young_kpa: float | None = Field(default=None, gt=0, le=1e4)
+    """Young's modulus, kPa; left out: `stiffness_kpa.skin`, else that of the stiffness set, else
+    344 kPa (measured in vivo)."""
+
+    thickness_mm: float | None = Field(default=None, ge=0.1, le=10)
+    """Thickness, mm; left out: as the phantom's voxels show it, else 1.55 mm."""
+
+
+class FibreSettings(Settings):
+    """Tissue that is stiffer along fibres from the chest wall towards the skin."""
+
+    ratio: float = Field(default=1.0, ge=1, le=20)
+    """Young's modulus in tension along the fibres over that across them; 1 for none. Compressed in
+    vivo, breasts stretch less from front to back than isotropic models say (Tanner 2011)."""
+
+
 class CompressionSettings(Settings):
     """How the breast is compressed."""
 
@@ -89,9 +115,14 @@ class CompressionSettings(Settings):
     mlo_angle_deg: float = Field(default=45.0, ge=30, le=60)
     """Angle of the plates' normal from superior towards medial in MLO, degrees."""
 
-    chest_wall: Literal["fixed", "sliding"] = "fixed"
-    """How the chest-wall plane is held: `fixed` wholly, or `sliding` in its own plane as on the
-    pectoral fascia (model `hyperelastic`)."""
+    chest_wall: Literal["fixed", "sliding", "fascia"] | None = None
+    """How the chest-wall plane is held: `fixed` wholly; or, with the model `hyperelastic`,
+    `fascia`, in its own plane by a thin elastic layer, or `sliding`, not at all in its own plane.
+    Left out: `fascia` with `hyperelastic`, else `fixed`."""
+
+    fascia_kpa_per_mm: float = Field(default=0.7, ge=0.01, le=1e3)
+    """Stiffness of the retromammary fascia in shear: kPa of stress for each mm by which the breast
+    glides over the chest wall. Assumed: loose tissue of about 1 kPa, 1 to 2 mm thick."""
 
     chest_wall_mm: Coordinate | None = None
     """Breast-frame x up to which tissue is held as the chest wall, mm; left out: the first tissue
@@ -113,6 +144,13 @@ class CompressionSettings(Settings):
     """Young's modulus of single tissues in place of the set's, as {skin: 60, mass: 100}; tissues
     that the set does not name follow the one they are like."""
 
+    skin: SkinSettings | None = None
+    """Skin as a thin sheet that carries tension only, in place of what the stiffness set has. Left
+    out: as the set has it; `krouskop` (344 kPa) and `aspiration` (56 kPa) have such a sheet."""
+
+    fibres: FibreSettings = FibreSettings()
+    """Fibres of the tissue (model `hyperelastic`)."""
+
     spring_law: Literal["linear", "exponential"] = "linear"
     """Whether springs keep their stiffness or gain with strain as in the thesis' listing, E = Ec
     exp(Enl e); clinical forces need the latter."""
@@ -121,9 +159,12 @@ class CompressionSettings(Settings):
     """Let the breast's weight act, the patient standing; tissue moves from its shape in the
     phantom, which is taken as free of weight."""
 
-    force_tolerance: float = Field(default=0.1, ge=1e-9, le=0.5)
-    """Out-of-balance force at which `hyperelastic` stops: norm of the nodes' unbalanced forces over
-    that of the plates' forces on them."""
+    tolerance_mm: float = Field(default=0.02, ge=1e-5, le=1)
+    """Distance from equilibrium at which `hyperelastic` stops: the mean over all nodes, as the
+    solver estimates it, mm."""
+
+    force_tolerance: float | None = Field(default=None, ge=1e-9, le=0.5)
+    """Deprecated and of no effect: `tolerance_mm` has taken its place."""
 
     tolerance_voxel: float = Field(default=1e-3, ge=1e-9, le=0.1)
     """Largest estimated distance of a node from equilibrium at which `multigrid` stops, lattice
@@ -159,11 +200,32 @@ class CompressionSettings(Settings):
         """Young's modulus of each tissue."""
         return Moduli(self.stiffness, self.stiffness_kpa)
 
+    @property
+    def wall(self) -> str:
+        """How the chest wall is held: `chest_wall`, or what the model has where it is left out."""
+        return self.chest_wall or MODELS[self.model].chest_walls[0]
+
+    @property
+    def skin_sheet(self) -> SkinSheet | None:
+        """Skin as a thin sheet; None where it is a solid tissue."""
+        young = SKIN_SHEETS.get(self.stiffness)
+        if self.skin is None and young is None:
+            return None
+        young = self.stiffness_kpa.get("skin", young or SKIN_SHEETS["krouskop"])
+        skin = self.skin or SkinSettings()
+        return SkinSheet(young if skin.young_kpa is None else skin.young_kpa, skin.thickness_mm)
+
     @model_validator(mode="after")
     def _wall_that_the_model_knows(self) -> Self:
-        if self.chest_wall not in MODELS[self.model].chest_walls:
+        if self.chest_wall is not None and self.chest_wall not in MODELS[self.model].chest_walls:
             able = " or ".join(compressing_models(self.chest_wall))
             raise ValueError(f"chest_wall: {self.chest_wall} needs model: {able}")
+        return self
+
+    @model_validator(mode="after")
+    def _one_way_to_say_what_skin_is(self) -> Self:
+        if self.skin is not None and self.skin.young_kpa and "skin" in self.stiffness_kpa:
+            raise ValueError("give one of skin.young_kpa and stiffness_kpa.skin")
         return self
 
     @model_validator(mode="after")

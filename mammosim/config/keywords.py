@@ -109,6 +109,8 @@ def _parameter(name: str, field: FieldInfo, keys: type) -> inspect.Parameter:
 
 
 def _type(name: str, keys: type) -> str:
-    """Type of a key as it is written in the TypedDict."""
+    """Type of a key as it is written in the TypedDict; a key that is new is not there yet."""
+    if name not in keys.__annotations__:
+        return "Any"
     text: str = keys.__annotations__[name].__forward_arg__
     return text

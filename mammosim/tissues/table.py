@@ -111,6 +111,29 @@ def stiffness_kpa(tissue: str, stiffness_set: str) -> float:
     return entry.stiffness_kpa[stiffness_set]
 
 
+SKIN_THICKNESS_MM: float = _TABLE["skin_thickness_mm"]
+"""Of breast skin where a phantom does not show it."""
+
+SKIN_SHEETS: MappingProxyType[str, float] = MappingProxyType(_TABLE["skin_sheet_kpa"])
+"""Young's modulus, kPa, of skin as a thin sheet, in each stiffness set that has it so."""
+
+
+@dataclass(frozen=True)
+class SkinSheet:
+    """Skin as a thin sheet around the breast.
+
+    Parameters
+    ----------
+    young_kpa : float
+        Young's modulus, kPa.
+    thickness_mm : float or None
+        None: as the phantom shows it, else `SKIN_THICKNESS_MM`.
+    """
+
+    young_kpa: float
+    thickness_mm: float | None = None
+
+
 @dataclass(frozen=True)
 class Moduli:
     """Young's modulus of every tissue: a stiffness set, and what is given in its place.

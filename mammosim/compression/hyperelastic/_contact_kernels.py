@@ -13,6 +13,9 @@ from mammosim.compression.plates._plate_kernels import depth_in_plate
 SAMPLES = 4
 """Surface points near the plates' edge where the fraction passes one half between two cells."""
 
+CURVATURE_STEP = 1e-4
+"""Distance, lattice units, over which a plate's normal is compared to find its curvature."""
+
 
 @contracting_kernel
 def count_crossings(fraction, out_layers):
@@ -180,30 +183,62 @@ def add_contact_forces(pressure, push, area, cells, local, out_force):
 
 
 @contracting_kernel
-def add_contact_stiffness(pressure, push, area, stiffness, cells, local, out_stencil):
-    """Add the stiffness of the points in contact, along the direction of the push."""
+def add_contact_blocks(places, plate, stiffness, geometric, out_blocks):
+    """Add the second derivative of each point's contact energy by its place, xx xy xz yy yz zz.
+
+    With the pressure p, the stiffness k, the plate's outward normal n: ``k n n^T - p grad n``. The
+    last term, which a rounded edge has and which may be negative, is scaled by `geometric`.
+    """
+    gradient = np.empty((3, 3))
+    for point in range(places.shape[0]):
+        x, y, z = places[point, 0], places[point, 1], places[point, 2]
+        depth, nx, ny, nz = depth_in_plate(plate, x, y, z)
+        if depth <= 0.0:
+            continue
+        for axis in range(3):
+            a = CURVATURE_STEP if axis == 0 else 0.0
+            b = CURVATURE_STEP if axis == 1 else 0.0
+            c = CURVATURE_STEP if axis == 2 else 0.0
+            _, gx, gy, gz = depth_in_plate(plate, x + a, y + b, z + c)
+            _, hx, hy, hz = depth_in_plate(plate, x - a, y - b, z - c)
+            half = 0.5 / CURVATURE_STEP
+            gradient[axis, 0] = half * (gx - hx)
+            gradient[axis, 1] = half * (gy - hy)
+            gradient[axis, 2] = half * (gz - hz)
+        pressure = geometric * stiffness * depth
+        out_blocks[point, 0] += stiffness * nx * nx - pressure * gradient[0, 0]
+        out_blocks[point, 1] += stiffness * nx * ny - pressure * gradient[0, 1]
+        out_blocks[point, 2] += stiffness * nx * nz - pressure * gradient[0, 2]
+        out_blocks[point, 3] += stiffness * ny * ny - pressure * gradient[1, 1]
+        out_blocks[point, 4] += stiffness * ny * nz - pressure * gradient[1, 2]
+        out_blocks[point, 5] += stiffness * nz * nz - pressure * gradient[2, 2]
+
+
+@contracting_kernel
+def add_contact_stiffness(blocks, area, cells, local, out_stencil):
+    """Add the stiffness of the points in contact, from their symmetric blocks."""
     for n in range(cells.shape[0]):
-        for plate in range(pressure.shape[0]):
-            if pressure[plate, n] == 0.0:
-                continue
-            x, y, z = push[plate, n, 0], push[plate, n, 1], push[plate, n, 2]
-            for node in range(8):
-                i, j = cells[n, 0] + node // 4, cells[n, 1] + (node // 2) % 2
-                k, own = cells[n, 2] + node % 2, _weight(local, n, node) * stiffness * area[n]
-                for other in range(node, 8):
-                    offset = (
-                        9 * (other // 4 - node // 4)
-                        + 3 * ((other // 2) % 2 - (node // 2) % 2)
-                        + other % 2 - node % 2
-                    )  # fmt: skip
-                    both = own * _weight(local, n, other)
-                    block = 9 * offset
-                    out_stencil[i, j, block, k] += both * x * x
-                    out_stencil[i, j, block + 1, k] += both * x * y
-                    out_stencil[i, j, block + 2, k] += both * x * z
-                    out_stencil[i, j, block + 3, k] += both * x * y
-                    out_stencil[i, j, block + 4, k] += both * y * y
-                    out_stencil[i, j, block + 5, k] += both * y * z
-                    out_stencil[i, j, block + 6, k] += both * x * z
-                    out_stencil[i, j, block + 7, k] += both * y * z
-                    out_stencil[i, j, block + 8, k] += both * z * z
+        xx, xy, xz = blocks[n, 0], blocks[n, 1], blocks[n, 2]
+        yy, yz, zz = blocks[n, 3], blocks[n, 4], blocks[n, 5]
+        if xx == 0.0 and yy == 0.0 and zz == 0.0:
+            continue
+        for node in range(8):
+            i, j = cells[n, 0] + node // 4, cells[n, 1] + (node // 2) % 2
+            k, own = cells[n, 2] + node % 2, _weight(local, n, node) * area[n]
+            for other in range(node, 8):
+                offset = (
+                    9 * (other // 4 - node // 4)
+                    + 3 * ((other // 2) % 2 - (node // 2) % 2)
+                    + other % 2 - node % 2
+                )  # fmt: skip
+                both = own * _weight(local, n, other)
+                block = 9 * offset
+                out_stencil[i, j, block, k] += both * xx
+                out_stencil[i, j, block + 1, k] += both * xy
+                out_stencil[i, j, block + 2, k] += both * xz
+                out_stencil[i, j, block + 3, k] += both * xy
+                out_stencil[i, j, block + 4, k] += both * yy
+                out_stencil[i, j, block + 5, k] += both * yz
+                out_stencil[i, j, block + 6, k] += both * xz
+                out_stencil[i, j, block + 7, k] += both * yz
+                out_stencil[i, j, block + 8, k] += both * zz

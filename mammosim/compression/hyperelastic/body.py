@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +12,14 @@ from scipy import ndimage
 
 from mammosim.compression.hyperelastic._element_kernels import ElementRule, energy_and_forces
 from mammosim.compression.hyperelastic._tangent_kernels import tangent_stencil
+from mammosim.compression.hyperelastic.fascia import Fascia
+from mammosim.compression.hyperelastic.fibres import Fibres
+from mammosim.compression.hyperelastic.gravity import Weight
 from mammosim.compression.hyperelastic.laws import LAWS
+from mammosim.compression.hyperelastic.membrane import Membrane
+from mammosim.compression.hyperelastic.structure import Structure
+from mammosim.compression.hyperelastic.surface import SurfacePoints
+from mammosim.compression.hyperelastic.surface_cells import SurfaceCells
 from mammosim.compression.multigrid import coarse_shape, row_spans
 
 CORNER_WEIGHT = 1.0 / 24.0
@@ -33,6 +40,10 @@ LEAST_VOLUME = 0.1
 unfold; a solution has no element there."""
 
 
+Part = Membrane | SurfaceCells | Fascia | Weight | Fibres
+"""What has energy beside the elements."""
+
+
 @dataclass(frozen=True, eq=False)
 class Body:
     """Elements, moduli and held displacements, in lattice units.
@@ -50,6 +61,8 @@ class Body:
         See the constants of these names.
     law : str
         Of the tissues, a name in `LAWS`.
+    structure : Structure
+        What holds the elements together beside themselves.
     """
 
     fraction: NDArray[np.float32]
@@ -60,6 +73,7 @@ class Body:
     local_part: float = LOCAL_PART
     least_volume: float = LEAST_VOLUME
     law: str = "neo_hookean"
+    structure: Structure = field(default_factory=Structure)
 
     @cached_property
     def active(self) -> NDArray[np.bool_]:
@@ -108,7 +122,26 @@ class Body:
         held = np.zeros((3, *fraction.shape), bool)
         some = self.held[:, 1::2, 1::2, 1::2]
         held[:, 1 : 1 + some.shape[1], 1 : 1 + some.shape[2], 1 : 1 + some.shape[3]] = some
-        return replace(Body.of(fraction, shear, bulk, held), law=self.law)
+        structure = self.structure.coarsened(_mean_of_eight)
+        return replace(Body.of(fraction, shear, bulk, held), law=self.law, structure=structure)
+
+    @cached_property
+    def _parts(self) -> list[Part]:
+        """What has energy beside the elements."""
+        skin, parts = self.structure.skin, list[Part]()
+        if skin is not None:
+            points = SurfacePoints.of(self.fraction, self.free)
+            parts.append(Membrane.of(points, skin.covers(points), skin.tension))
+            parts.append(SurfaceCells.of(self.active, self.shear, skin.tension))
+        if self.structure.fascia > 0.0:
+            parts.append(Fascia.of(self.fraction, self.active, self.structure.fascia))
+        if self.structure.mass is not None:
+            mass = _gathered(self.structure.mass, self.active)
+            parts.append(Weight.of(mass, self.structure.pull))
+        if self.structure.fibre_ratio > 1.0:
+            origin = np.array(self.structure.fibre_origin)
+            parts.append(Fibres.of(self.shear, origin, self.structure.fibre_ratio))
+        return parts
 
     @property
     def _formulas(self) -> tuple[ElementRule, Any]:
@@ -122,7 +155,10 @@ class Body:
         energy_and_forces(
             u, self.shear, self.bulk, self.element_span, *self._formulas, force, layers
         )
-        return float(layers[:, 0].sum()), float(layers[:, 1].min()), force
+        energy = float(layers[:, 0].sum())
+        for part in self._parts:
+            energy += part.add_forces(u, force)
+        return energy, float(layers[:, 1].min()), force
 
     def add_tangent(
         self, u: NDArray[np.float64], geometric: float, stencil: NDArray[np.float32]
@@ -131,6 +167,8 @@ class Body:
         tangent_stencil(
             u, self.shear, self.bulk, self.element_span, *self._formulas, geometric, stencil
         )
+        for part in self._parts:
+            part.add_tangent(u, stencil)
 
 
 def nodes_of(elements: NDArray[np.bool_]) -> NDArray[np.bool_]:

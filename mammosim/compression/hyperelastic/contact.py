@@ -8,68 +8,18 @@ Computational Contact Mechanics, chapter 6).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.compression.hyperelastic import _contact_kernels as kernels
-from mammosim.compression.hyperelastic.body import Body
+from mammosim.compression.hyperelastic.surface import SurfacePoints
 
 PENALTY = 60.0
 """Pressure at a depth of one element edge, in units of the tissue's mean modulus. On the reference
 half-ellipsoid (4 mm elements) 20, 60 and 200 give errors that agree to 0.002 mm, with the surface
 0.02, 0.012 and 0.005 edges inside the plates."""
-
-
-@dataclass(frozen=True, eq=False)
-class SurfacePoints:
-    """Points of the breast's surface, in lattice units.
-
-    Parameters
-    ----------
-    cells : ndarray of int32, (n, 3)
-        Element that each point moves with.
-    local : ndarray, (n, 3)
-        Place in the element, 0 to 1 inside; up to half an edge outside.
-    area : ndarray, (n,)
-        Part of the surface that each stands for.
-    normal : ndarray, (n, 3)
-        Outward unit normal.
-    """
-
-    cells: NDArray[np.int32]
-    local: NDArray[np.float64]
-    area: NDArray[np.float64]
-    normal: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, body: Body, dense: tuple[float, float] = (0.0, 0.0)) -> SurfacePoints:
-        """Where the tissue fraction of the elements passes one half, but for what is held.
-
-        Between the two places along x in `dense` there are several points an element.
-        """
-        fraction = body.fraction
-        layers, place = np.zeros(fraction.shape[0], np.int64), np.arange(fraction.shape[0]) + 0.5
-        kernels.count_crossings(fraction, layers)
-        near = (place > dense[0]) & (place < dense[1])
-        samples = np.where(near, kernels.SAMPLES, 1)
-        count = int(layers @ samples)
-        cells, local = np.zeros((count, 3), np.int32), np.zeros((count, 3))
-        area, normal = np.zeros(count), np.zeros((count, 3))
-        kernels.surface_points(fraction, samples, cells, local, area, normal)
-        moves = body.free[2] > 0.0
-        loose = np.zeros(count, bool)
-        for corner in product((0, 1), repeat=3):
-            loose |= moves[tuple((cells + corner).T)]
-        return cls(cells[loose], local[loose], area[loose], normal[loose])
-
-    def places(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, 3) present places, lattice units."""
-        out = np.empty(self.local.shape)
-        kernels.place_points(u, self.cells, self.local, out)
-        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +68,24 @@ class Contact:
         kernels.add_contact_forces(pressure, push, points.area, points.cells, points.local, force)
 
     def add_stiffness(
-        self, pressure: NDArray[np.float64], push: NDArray[np.float64], stencil: NDArray[np.float32]
+        self, u: NDArray[np.float64], geometric: float, stencil: NDArray[np.float32]
     ) -> None:
-        """Add the stiffness of points in contact to the tangent."""
+        """Add the stiffness of points in contact to the tangent.
+
+        Parameters
+        ----------
+        u : ndarray, [3, x, y, z]
+            Displacement, lattice units.
+        geometric : float
+            0 to 1: scales what the curvature of a rounded edge adds, which may be negative.
+        stencil : ndarray of float32, [x, y, 126, z]
+            It is changed.
+        """
         points = self.points
-        kernels.add_contact_stiffness(
-            pressure, push, points.area, self.stiffness, points.cells, points.local, stencil
-        )
+        places, blocks = points.places(u), np.zeros((len(points.area), 6))
+        for plate in self.plates:
+            kernels.add_contact_blocks(places, plate, self.stiffness, geometric, blocks)
+        kernels.add_contact_stiffness(blocks, points.area, points.cells, points.local, stencil)
 
     def depth(self, pressure: NDArray[np.float64]) -> float:
         """Depth of the surface in the plates where they press, root mean square, lattice units."""

@@ -23,7 +23,9 @@ def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float
         `volume_ratio` and `volume_change_percent` (positive for a loss); `inverted_cells`, elements
         with J <= 0 at any of nine points, of `cells`; `smallest_j`; `out_of_balance`, the norm of
         the nodes' unbalanced forces over that of the plates' forces on them; `depth_mm`, how far
-        the surface is inside the plates (root mean square).
+        the surface is inside the plates (root mean square); `error_mm` and
+        `largest_error_mm`, the estimated distance of the nodes from equilibrium, mean and largest;
+        `skin_mm`, the skin's thickness, where it is a sheet.
     """
     edge = float(mesh.nodes.spacing_mm[0])
     pressure, push = contact.pressure(state.u)
@@ -51,6 +53,8 @@ def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float
         smallest_j=float(smallest[mesh.body.active].min()),
         out_of_balance=state.last.out_of_balance,
         depth_mm=state.last.depth * edge,
+        error_mm=state.last.error * edge,
+        largest_error_mm=state.last.largest_error * edge,
     )
     return measures
 

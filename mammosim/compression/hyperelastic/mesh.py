@@ -2,23 +2,71 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.compression.hyperelastic.body import SMALLEST_PART, Body, nodes_of
-from mammosim.compression.lattice import Lattice, bounds_mm, gather_tissue
+from mammosim.compression.hyperelastic.fascia import WALL as WALL
+from mammosim.compression.hyperelastic.structure import Skin, Structure
+from mammosim.compression.hyperelastic.surface import SurfacePoints
+from mammosim.compression.lattice import (
+    Lattice,
+    block_mean,
+    bounds_mm,
+    gather_tissue,
+    tissue_part,
+)
 from mammosim.errors import InputError
 from mammosim.geometry import View, VoxelFrame
 from mammosim.phantom import BreastPhantom
-from mammosim.tissues import Moduli, poisson_ratio
+from mammosim.tissues import (
+    SKIN_THICKNESS_MM,
+    Moduli,
+    SkinSheet,
+    density_g_cm3,
+    poisson_ratio,
+)
 
-WALL = 1
-"""x index of the chest wall's nodes."""
+VOXELS_ACROSS = 2.0
+"""Skin thinner than this many voxels has no thickness that could be measured."""
+
+BEHIND_WALL = 0.5
+"""Distance behind the chest wall from which fibres spread, in depths of the breast (assumed): they
+run forward in the middle and fan out to the skin beside it, as Cooper's ligaments do."""
 
 ALIGNED = 8
 """The wall's mid-line is a node of the coarse bodies too, down to elements this much larger."""
+
+
+@dataclass(frozen=True)
+class Support:
+    """What holds a breast, and whether it has weight.
+
+    Parameters
+    ----------
+    chest_wall : {"fixed", "sliding", "fascia"}
+        `sliding` holds the wall along its normal, and along y on its mid-line; `fascia` along its
+        normal, and ties it in its plane.
+    muscle_fixed : bool
+        Whether elements that are mostly muscle are held.
+    skin : SkinSheet, optional
+        Skin that is a membrane on the surface.
+    fascia_kpa_per_mm : float
+        Tangential stiffness of the tie to the chest wall.
+    gravity_m_s2 : tuple of float, optional
+        Acceleration by gravity, compression frame; None: no weight.
+    fibre_ratio : float
+        Young's modulus along fibres over that across; 1 for none.
+    """
+
+    chest_wall: str
+    muscle_fixed: bool
+    skin: SkinSheet | None = None
+    fascia_kpa_per_mm: float = 0.0
+    gravity_m_s2: tuple[float, float, float] | None = None
+    fibre_ratio: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +92,7 @@ def build_mesh(
     view: View,
     resolution_mm: float,
     moduli: Moduli,
-    chest_wall: str,
-    muscle_fixed: bool,
+    support: Support,
     shift: tuple[float, float] = (0.0, 0.0),
 ) -> Mesh:
     """Elements of a phantom in the compression frame of a view.
@@ -57,11 +104,9 @@ def build_mesh(
     resolution_mm : float
         Edge of an element, mm.
     moduli : Moduli
-        Young's modulus of each tissue.
-    chest_wall : {"fixed", "sliding"}
-        `sliding` holds the wall along its normal, and along y on its mid-line.
-    muscle_fixed : bool
-        Whether elements that are mostly muscle are held.
+        Young's modulus of each tissue; elements beneath skin that is a sheet hold fat.
+    support : Support
+        What holds the breast, and whether it has weight.
     shift : tuple of float
         By which part of an edge the elements lie off their usual place along y and z; what is held
         on the mid-line goes with them.
@@ -72,20 +117,22 @@ def build_mesh(
         If no element touches the chest wall.
     """
     blocks, middle = _element_frame(breast, view, resolution_mm, shift)
-    fraction, modulus, muscle = gather_tissue(breast, view, blocks, moduli)
+    inside = _beneath(moduli) if support.skin else moduli
+    fraction, modulus, muscle = gather_tissue(breast, view, blocks, inside)
     for axis in range(3):
         np.moveaxis(fraction, axis, 0)[[0, -2, -1]] = 0.0
     ratio = poisson_ratio(moduli.stiffness_set)
     weighted = modulus * fraction
     shear, bulk = weighted / (2.0 * (1.0 + ratio)), weighted / (3.0 * (1.0 - 2.0 * ratio))
     solid = fraction >= SMALLEST_PART
-    stuck = solid & (muscle >= SMALLEST_PART) & muscle_fixed
-    body = Body.of(fraction, shear, bulk, _held(solid, stuck, chest_wall, middle))
+    stuck = solid & (muscle >= SMALLEST_PART) & support.muscle_fixed
+    body = Body.of(fraction, shear, bulk, _held(solid, stuck, support.chest_wall, middle))
     if not body.active[WALL].any():
         raise InputError(
             f"{breast.source}: no element at the chest wall with compression.resolution_mm "
             f"{resolution_mm}; use a finer resolution"
         )
+    body = replace(body, structure=_structure(breast, view, blocks, body, support))
     apart = int(np.count_nonzero(solid & ~body.active))
     notes = (f"{apart} elements are not tied to the chest wall and were left out",)
     modulus[~body.active] = 0.0
@@ -94,6 +141,50 @@ def build_mesh(
         VoxelFrame(blocks.origin_mm - 0.5 * resolution_mm, blocks.spacing_mm, blocks.shape),
         Lattice(blocks, modulus, muscle >= SMALLEST_PART, notes if apart else ()),
     )
+
+
+def _beneath(moduli: Moduli) -> Moduli:
+    """Moduli of the elements beneath a membrane: fat where skin is."""
+    return Moduli(moduli.stiffness_set, {**moduli.given, "skin": moduli("adipose")})
+
+
+def _structure(
+    breast: BreastPhantom, view: View, blocks: VoxelFrame, body: Body, support: Support
+) -> Structure:
+    edge, mass = float(blocks.spacing_mm[0]), None
+    skin = _skin(breast, view, blocks, body, support.skin) if support.skin else None
+    if support.gravity_m_s2 is not None:
+        mass = block_mean(breast, view, blocks, density_g_cm3) * body.fraction
+    # 1 g/cm3 is 1e-6 kg/mm3, and 1 kPa 1 mN/mm2: rho g in kPa/mm is 1e-3 of its value in m/s2.
+    x, y, z = (1e-3 * edge * part for part in support.gravity_m_s2 or (0.0, 0.0, 0.0))
+    fascia = support.fascia_kpa_per_mm * edge
+    origin = _behind(body) if support.fibre_ratio > 1.0 else (0.0, 0.0, 0.0)
+    return Structure(skin, fascia, mass, (x, y, z), support.fibre_ratio, origin)
+
+
+def _behind(body: Body) -> tuple[float, float, float]:
+    """Where fibres come from: behind the middle of the wall, by half the breast's depth."""
+    layers = np.flatnonzero(body.active.any(axis=(1, 2)))
+    middle = np.argwhere(body.active[WALL]).mean(axis=0) + 0.5
+    depth = float(layers[-1] + 1 - WALL)
+    return WALL - BEHIND_WALL * depth, float(middle[0]), float(middle[1])
+
+
+def _skin(
+    breast: BreastPhantom, view: View, blocks: VoxelFrame, body: Body, sheet: SkinSheet
+) -> Skin:
+    """Skin of a body; its thickness is measured where it is left open and voxels show it."""
+    part, edge = tissue_part(breast, view, blocks, "skin"), float(blocks.spacing_mm[0])
+    usual = SKIN_THICKNESS_MM if sheet.thickness_mm is None else sheet.thickness_mm
+    skin = Skin(part, sheet.young_kpa / 3.0, usual / edge)
+    if sheet.thickness_mm is not None:
+        return skin
+    points = SurfacePoints.of(body.fraction, body.free)
+    area = float(points.area[skin.covers(points)].sum())
+    measured = float(part.sum()) * edge / area if area > 0.0 else 0.0
+    if measured < VOXELS_ACROSS * breast.voxel_mm.max():
+        return skin
+    return replace(skin, thickness=measured / edge)
 
 
 def _element_frame(
@@ -125,7 +216,8 @@ def _held(
     wall = nodes_of(solid)[WALL]
     if chest_wall == "fixed":
         held[:, WALL] |= wall
-    else:
-        held[0, WALL] |= wall
+        return held
+    held[0, WALL] |= wall
+    if chest_wall == "sliding":
         held[1, WALL, middle] |= wall[middle]
     return held

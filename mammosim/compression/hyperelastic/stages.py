@@ -10,20 +10,22 @@ from numpy.typing import NDArray
 
 from mammosim.compression.continuation import continued
 from mammosim.compression.hyperelastic.body import Body
-from mammosim.compression.hyperelastic.contact import PENALTY, Contact, SurfacePoints
+from mammosim.compression.hyperelastic.contact import PENALTY, Contact
 from mammosim.compression.hyperelastic.mesh import ALIGNED, Mesh
-from mammosim.compression.hyperelastic.newton import State, Step, minimise
+from mammosim.compression.hyperelastic.newton import State, Step
+from mammosim.compression.hyperelastic.surface import SurfacePoints
+from mammosim.compression.hyperelastic.trust_region import minimise
 from mammosim.compression.multigrid import Workspace, add_interpolated
 from mammosim.compression.plates import EDGE_RADIUS_MM, Plates
 
 FEWEST_NODES = 300
 """A body with fewer is no start for a finer one."""
 
-LOOSE = 0.1
-"""Out-of-balance force at which the state of a coarse body is good enough to refine."""
+LOOSE = 0.02
+"""Mean error, element edges, at which the state of a coarse body is good enough to refine."""
 
-ON_THE_WAY = 0.5
-"""Out-of-balance force that is good enough while the plates still close."""
+ON_THE_WAY = 0.05
+"""Mean error, element edges, that is good enough while the plates still close."""
 
 UNFOLDING = (30.0, 0.5)
 """`local_part` and `least_volume` of a body whose start may have folded elements, at first: most of
@@ -51,6 +53,7 @@ HISTORY = np.dtype(
         ("smallest_j", np.float64),
         ("cycles", np.int64),
         ("step", np.float64),
+        ("error_mm", np.float64),
     ]
 )
 """Columns of the history, one row a Newton step."""
@@ -64,8 +67,8 @@ class Stages:
     mesh : Mesh
     edge_mm : float
         Place along x of the plates' edge, mm.
-    tolerance : float
-        Out-of-balance force at the end.
+    tolerance_mm : float
+        Estimated mean distance from equilibrium at the end, mm.
     watch : callable, optional
         Called with each row of the history.
     """
@@ -74,10 +77,11 @@ class Stages:
         self,
         mesh: Mesh,
         edge_mm: float,
-        tolerance: float,
+        tolerance_mm: float,
         watch: Callable[[np.void], None] | None = None,
     ) -> None:
-        self.mesh, self.tolerance = mesh, tolerance
+        self.mesh = mesh
+        self.tolerance = tolerance_mm / float(mesh.nodes.spacing_mm[0])
         self.bodies = [mesh.body]
         while 2 ** len(self.bodies) <= ALIGNED:
             coarse = self.bodies[-1].coarsened()
@@ -86,7 +90,7 @@ class Stages:
             self.bodies.append(coarse)
         near = EDGE_REACH * EDGE_RADIUS_MM * np.array([-1.0, 1.0]) + edge_mm
         self.points = [
-            SurfacePoints.of(body, tuple(self._lattice_x(near, level)))
+            SurfacePoints.of(body.fraction, body.free, tuple(self._lattice_x(near, level)))
             for level, body in enumerate(self.bodies)
         ]
         self.rows: list[np.void] = []
@@ -184,7 +188,7 @@ class Stages:
             row[0] = (
                 len(self.rows), edge, plates.thickness_mm, step.out_of_balance, step.depth * edge,
                 step.force * edge**2 * 1e-3, step.energy * edge**3 * 1e-3, step.smallest,
-                step.cycles, step.length,
+                step.cycles, step.length, step.error * edge,
             )  # fmt: skip
             self.rows.append(row[0])
             if self._watch:

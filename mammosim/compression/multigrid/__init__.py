@@ -11,6 +11,7 @@ from mammosim.compression.multigrid.cycle import Cycle, Level, Multigrid, v_cycl
 from mammosim.compression.multigrid.grids import coarse_shape, row_spans, whole_rows
 from mammosim.compression.multigrid.scalar_level import Operator, ScalarLevel, stencil_level
 from mammosim.compression.multigrid.transfers import add_interpolated, restrict
+from mammosim.compression.multigrid.truncated_gradients import Truncated, truncated_gradients
 from mammosim.compression.multigrid.workspace import Field, Workspace
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "ResidualBelow",
     "ScalarLevel",
     "Solved",
+    "Truncated",
     "Workspace",
     "add_interpolated",
     "coarse_shape",
@@ -32,6 +34,7 @@ __all__ = [
     "restrict",
     "row_spans",
     "stencil_level",
+    "truncated_gradients",
     "v_cycle",
     "whole_rows",
 ]

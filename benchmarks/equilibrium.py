@@ -1,0 +1,249 @@
+"""Whether the hyperelastic model finds its equilibrium: how often, how exactly, and how fast.
+
+    python benchmarks/equilibrium.py robustness [--share 1/7] [--elements 5] [--chest-wall fixed]
+    python benchmarks/equilibrium.py convergence [--breasts 3] [--elements 3]
+    python benchmarks/equilibrium.py same-answer [--elements 4]
+    python benchmarks/equilibrium.py phantom PHANTOM.mhd [--elements 4 2 1]
+
+`robustness` compresses 48 generated breasts (four densities, 150 to 1400 mL) in CC and MLO, with
+the plates' edge 5 and 15 mm in front of the chest wall, by 30 to 60 % of their height: 192 cases,
+of which `--share 1/7` takes every seventh. `convergence` compares the default tolerance with 0.0002
+mm. `same-answer` compares ways to the same plates. `phantom` times FDA's, as VICTRE compresses
+it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import mammosim
+from mammosim._jit import one_blas_thread
+from mammosim.compression import CompressedBreast
+from mammosim.compression.hyperelastic import Stages
+from mammosim.compression.hyperelastic_model import body_between_plates
+from mammosim.compression.settings import CompressionSettings
+from mammosim.geometry import View
+from mammosim.phantom import BreastPhantom, as_held
+
+DENSITIES = ("fatty", "scattered", "heterogeneous", "dense")
+
+EDGES_MM = (5.0, 15.0)
+
+COMPRESSION = (0.30, 0.60)
+"""Least and most, parts of the height between the plates."""
+
+DEFAULTS = {"model": "hyperelastic", "stiffness": "krouskop"}
+
+VICTRE = {
+    "model": "hyperelastic", "stiffness": "victre", "chest_wall": "fixed", "muscle": "fixed",
+    "support_z_mm": -25.4, "paddle_z_mm": 24.4, "plate_edge_mm": 7.4,
+}  # fmt: skip
+"""Where VICTRE's FEBio run put the plates: 49.8 mm apart, 44 % compression."""
+
+
+class Case(NamedTuple):
+    """One compression."""
+
+    density: str
+    volume_ml: float
+    seed: int
+    view: str
+    edge_mm: float
+    part: float
+
+
+def cases() -> list[Case]:
+    """The 192 cases: 48 breasts, two views, two edges."""
+    found = []
+    volumes = np.geomspace(150.0, 1400.0, 12)
+    for breast in range(48):
+        density, volume = DENSITIES[breast % 4], float(volumes[breast // 4])
+        for turn, (view, edge) in enumerate((v, e) for v in ("CC", "MLO") for e in EDGES_MM):
+            step = (5 * breast + 3 * turn) % 11 / 10.0
+            part = COMPRESSION[0] + step * (COMPRESSION[1] - COMPRESSION[0])
+            found.append(Case(density, volume, breast + 1, view, edge, part))
+    return found
+
+
+def height_mm(breast: BreastPhantom, view: View, edge_mm: float) -> float:
+    """Height of the tissue in front of an edge, mm."""
+    held = as_held(breast, view.rotation[1])
+    places = held.origin_mm + np.argwhere(held.labels[::2, ::2, ::2]) * 2 * held.voxel_mm
+    z = (places[places[:, 0] > edge_mm] @ view.rotation.T)[:, 2]
+    return float(np.ptp(z) + 2.0 * held.voxel_mm[0])
+
+
+def attempt(
+    breast: BreastPhantom, view: str, **settings: Any
+) -> tuple[CompressedBreast, str, float]:
+    """A compression, why it failed (empty if it did not), and its CPU seconds."""
+    start, why = time.process_time(), ""
+    try:
+        found = mammosim.compress(breast, view, **settings)
+    except mammosim.NotConverged as stop:
+        found, why = stop.reached, str(stop)
+    return found, why, time.process_time() - start
+
+
+def robustness(share: tuple[int, int], elements: float, **settings: Any) -> None:
+    """Which cases converge."""
+    chosen = cases()[share[0] - 1 :: share[1]]
+    converged, seconds, known = 0, [], {}
+    for case in chosen:
+        key = (case.density, case.volume_ml, case.seed)
+        if key not in known:
+            known = {key: mammosim.generate_phantom(
+                density=case.density, volume_ml=case.volume_ml, voxel_mm=1.0, seed=case.seed,
+                laterality="L",
+            )}  # fmt: skip
+        breast = known[key]
+        view = View(case.view, breast.laterality, 45.0)
+        gap = (1.0 - case.part) * height_mm(breast, view, case.edge_mm)
+        found, why, cpu = attempt(
+            breast, case.view, thickness_mm=gap, plate_edge_mm=case.edge_mm,
+            resolution_mm=elements, **{**DEFAULTS, **settings},
+        )  # fmt: skip
+        converged += not why
+        seconds.append(cpu)
+        m = found.measures
+        print(
+            f"{case.density:13s} {case.volume_ml:5.0f} mL {case.view:3s} edge {case.edge_mm:2.0f} "
+            f"mm {100 * case.part:2.0f} %: {m['force_n']:6.1f} N {m['pressure_kpa']:5.1f} kPa, "
+            f"smallest J {m['smallest_j']:5.2f}, error {m['error_mm']:.4f} mm, "
+            f"{found.history.size:3d} steps {cpu:5.1f} CPU s {why}",
+            flush=True,
+        )
+    print(f"{converged} of {len(chosen)} converged; CPU s median {np.median(seconds):.1f}, "
+          f"largest {max(seconds):.1f}")  # fmt: skip
+
+
+def tissue_points(breast: BreastPhantom, spacing_mm: float = 2.0) -> NDArray[np.float64]:
+    """(n, 3) points inside the tissue, mm."""
+    step = np.maximum(np.rint(spacing_mm / breast.voxel_mm).astype(int), 1)
+    inside = np.argwhere(breast.labels[tuple(slice(None, None, s) for s in step)]) * step
+    return breast.origin_mm + inside * breast.voxel_mm
+
+
+def apart(one: CompressedBreast, other: CompressedBreast) -> str:
+    """How far two displacement fields are apart."""
+    points = tissue_points(one.phantom)
+    distance = np.linalg.norm(one.displacement_at(points) - other.displacement_at(points), axis=1)
+    return f"mean {distance.mean():.4f}, 95 % {np.percentile(distance, 95):.4f}, largest " + (
+        f"{distance.max():.3f} mm"
+    )
+
+
+def convergence(breasts: int, elements: float) -> None:
+    """The default tolerance beside 0.0002 mm: the quickstart's breast first, then others."""
+    for number in range(breasts):
+        volume = 550.0 if number == 0 else float(np.geomspace(200.0, 1200.0, 10)[number - 1])
+        density = DENSITIES[(number + 1) % 4]
+        breast = mammosim.generate_phantom(
+            density=density, volume_ml=volume, voxel_mm=0.4 if number == 0 else 0.8,
+            seed=max(number, 1), laterality="L",
+        )  # fmt: skip
+        for view, edge in (("CC", 15.0), ("MLO", 5.0)):
+            keys = {**DEFAULTS, "plate_edge_mm": edge, "resolution_mm": elements}
+            usual, why, cpu = attempt(breast, view, **keys)
+            exact, also, _ = attempt(breast, view, tolerance_mm=0.0002, **keys)
+            print(
+                f"{density:13s} {volume:5.0f} mL {view}: {apart(usual, exact)}; estimated "
+                f"{usual.measures['error_mm']:.4f}, {usual.measures['largest_error_mm']:.3f}; "
+                f"{cpu:.1f} CPU s {why} {also}",
+                flush=True,
+            )
+
+
+def same_answer(elements: float) -> None:
+    """From rest; from half the closing steps; from the neighbouring thickness."""
+    from mammosim.compression.hyperelastic import stages as module
+
+    breast = mammosim.generate_phantom(
+        density="scattered", volume_ml=550.0, voxel_mm=0.8, seed=1, laterality="L"
+    )
+    for name, edge in (("CC", 15.0), ("MLO", 5.0)):
+        keys = {**DEFAULTS, "plate_edge_mm": edge, "resolution_mm": elements}
+        usual, _, _ = attempt(breast, name, **keys)
+        increment = module.INCREMENT
+        module.INCREMENT = 0.5 * increment
+        slow, _, _ = attempt(breast, name, **keys)
+        module.INCREMENT = increment
+        print(f"{name}, half the closing steps: {apart(usual, slow)}")
+        print(f"{name}, from a gap 3 mm wider: {_from_neighbour(breast, name, usual, keys)}")
+
+
+@one_blas_thread
+def _from_neighbour(
+    breast: BreastPhantom, name: str, usual: CompressedBreast, keys: dict[str, Any]
+) -> str:
+    view, settings = usual.view, CompressionSettings(**keys)
+    between = body_between_plates(usual.phantom, view, settings)
+    stages = Stages(between.mesh, between.plates.edge_mm, settings.tolerance_mm)
+    wide = replace(
+        between.plates, support_z_mm=between.plates.support_z_mm - 1.5,
+        paddle_z_mm=between.plates.paddle_z_mm + 1.5,
+    )  # fmt: skip
+    state = stages.settle(between.plates, stages.compress(wide).u)
+    nodes, edge = between.mesh.body.nodes, float(between.mesh.nodes.spacing_mm[0])
+    moved = edge * np.moveaxis(state.u, 0, -1)[nodes] @ view.rotation
+    places = (between.mesh.nodes.origin_mm + edge * np.argwhere(nodes)) @ view.rotation
+    distance = np.linalg.norm(moved - usual.displacement_at(places), axis=1)
+    return f"mean {distance.mean():.4f}, largest {distance.max():.3f} mm"
+
+
+def phantom(path: str, elements: list[float]) -> None:
+    """FDA's phantom by VICTRE's reduced model: no sheet of skin, wall and muscle fixed."""
+    breast = mammosim.read_phantom(path, labels="victre")
+    attempt(breast, "CC", resolution_mm=8.0, **VICTRE)  # loads the compiled code
+    sizes = []
+    for size in elements:
+        found, why, cpu = attempt(breast, "CC", resolution_mm=size, **VICTRE)
+        nodes = int(found.field.tissue.sum())
+        sizes.append((nodes, cpu))
+        m = found.measures
+        print(
+            f"{size:g} mm: {nodes} nodes, {found.history.size} steps, {cpu:.1f} CPU s, "
+            f"{m['force_n']:.1f} N, estimated error {m['error_mm']:.4f} mm, {why}",
+            flush=True,
+        )
+    if len(sizes) > 1:
+        nodes_of, cpu_of = np.log(np.array(sizes)).T
+        print(f"exponent of growth with nodes: {np.polyfit(nodes_of, cpu_of, 1)[0]:.2f}")
+
+
+def _share(text: str) -> tuple[int, int]:
+    first, total = text.split("/")
+    return int(first), int(total)
+
+
+def main() -> None:
+    """Run what the arguments ask for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=("robustness", "convergence", "same-answer", "phantom"))
+    parser.add_argument("phantom", nargs="?", help="FDA's phantom, p_1.mhd")
+    parser.add_argument("--share", type=_share, default=(1, 1))
+    parser.add_argument("--elements", type=float, nargs="+", default=[])
+    parser.add_argument("--chest-wall", default=None)
+    parser.add_argument("--stiffness", default="krouskop")
+    parser.add_argument("--breasts", type=int, default=3)
+    arguments = parser.parse_args()
+    elements = arguments.elements
+    if arguments.what == "robustness":
+        keys = {"chest_wall": arguments.chest_wall, "stiffness": arguments.stiffness}
+        robustness(arguments.share, *(elements or [5.0]), **keys)
+    elif arguments.what == "convergence":
+        convergence(arguments.breasts, *(elements or [3.0]))
+    elif arguments.what == "same-answer":
+        same_answer(*(elements or [4.0]))
+    else:
+        phantom(arguments.phantom, elements or [4.0, 2.0, 1.0])
+
+
+if __name__ == "__main__":
+    main()
