@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 from make_run import SMALL, invoke, save_breast, write
+
+from mammosim.compression import compress
+from mammosim.phantom import LesionSettings, insert_lesions, read_phantom
+from mammosim.pipeline import config_of, make_plan
+from mammosim.projection import project
 
 GENERATED = {"density": "fatty", "voxel_mm": 2.0, "volume_ml": 300}
 
@@ -80,3 +88,42 @@ def test_a_file_with_lesions_leaves_fewer(tmp_path):
     result = invoke("check", write(tmp_path, phantom=phantom))
     assert result.exit_code == 2
     assert "separate lesions, at most 101" in result.output
+
+
+def test_the_estimate_of_memory_counts_lesions():
+    """A mask of each lesion at every pixel, in one view at a time."""
+
+    def estimate_gb(count: int, **changes: object) -> float:
+        lesions = [{"name": f"c{number}", "kind": "clip"} for number in range(count)]
+        values = {"phantom": {"generate": GENERATED, "lesions": lesions}, **changes}
+        return make_plan(config_of(values, Path(), "f.yaml")).memory_gb
+
+    added = estimate_gb(100) - estimate_gb(0)
+    assert added == pytest.approx(100 * 240 * 180 / 0.1**2 * 4.0 / 1e9)
+    coarse = {"projection": {"pixel_mm": 1.0}}
+    assert estimate_gb(100, **coarse) - estimate_gb(0, **coarse) < 0.02
+
+
+def test_lesions_take_no_memory_where_no_ray_meets_them(tmp_path):
+    """Path lengths of a clip are pages of zeros that are never written."""
+    breast = read_phantom(save_breast(tmp_path) / "breast.npz", laterality="L")
+    clip = LesionSettings(name="c", kind="clip", position_mm=(12.0, 0.0, 0.0))
+    breast = insert_lesions(breast, [clip], np.random.default_rng(1))
+    held = compress(breast, "CC", model="none")
+    paths = project(held, pixel_mm=0.1)
+    channel = list(paths.lesion_labels).index(151)
+    for lengths in (paths.length_mm, paths.attenuating_mm):
+        assert 0 < np.count_nonzero(lengths[channel]) < 0.01 * lengths[channel].size
+        first = lengths.ctypes.data + lengths[0].nbytes * channel
+        assert resident_part(first, lengths[channel].nbytes) < 0.6  # pages may be of 2 MB, of 17
+
+
+def resident_part(address: int, size: int) -> float:
+    """Part of a piece of memory whose pages this process has written (Linux: proc(5), pagemap)."""
+    page = os.sysconf("SC_PAGE_SIZE")
+    first, last = -(-address // page), (address + size) // page
+    with open("/proc/self/pagemap", "rb") as table:
+        table.seek(8 * first)
+        entries = np.frombuffer(table.read(8 * (last - first)), np.uint64)
+    exclusive = (entries >> np.uint64(56)) & np.uint64(1)  # the page of zeros is shared
+    return float(exclusive.mean())

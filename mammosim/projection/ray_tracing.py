@@ -54,7 +54,7 @@ def trace_rays(
     length = np.zeros((channels, rows, columns), dtype=np.float32)
     weighted_length = length
     if weighted:
-        weighted_length = np.zeros_like(length)
+        weighted_length = np.zeros(length.shape, dtype=np.float32)  # zeros_like would write
     else:
         nodes = nodes.copy()
         nodes[..., 3] = 1.0
