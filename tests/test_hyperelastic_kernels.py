@@ -233,8 +233,8 @@ def test_points_move_with_their_elements():
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_pressure_and_push_are_those_of_the_signed_distance(side):
     plate = StraightPlate(1.5, side, -0.5, 0.8)
-    places = np.random.default_rng(9).uniform(-3.0, 3.0, (60, 3))
-    pressure, push = np.zeros(60), np.zeros((60, 3))
+    places = np.random.default_rng(9).uniform(-3.0, 5.0, (400, 3))
+    pressure, push = np.zeros(400), np.zeros((400, 3))
     contact.contact_pressure(places, plate, 7.0, pressure, push)
     distance = np.array([naive.straight_distance(plate, *place) for place in places])
     assert (distance < 0).any()
