@@ -32,8 +32,9 @@ class ErrorBelow:
     reduction: float
     adds_last_answer: ClassVar[bool] = True
     ends_if_indefinite: ClassVar[bool] = False
+    measures_product: ClassVar[bool] = False
 
-    def measure(self, answer: Field, product: float) -> float:
+    def measure(self, force: Field, answer: Field) -> float:
         """Largest component of the V-cycle's answer."""
         return vectors.largest(answer)
 
@@ -54,10 +55,11 @@ class ResidualBelow:
     reduction: float
     adds_last_answer: ClassVar[bool] = False
     ends_if_indefinite: ClassVar[bool] = True
+    measures_product: ClassVar[bool] = True
 
-    def measure(self, answer: Field, product: float) -> float:
-        """Square of the residual's norm."""
-        return product
+    def measure(self, force: Field, answer: Field) -> float:
+        """Square of the residual's norm, its product with the V-cycle's answer."""
+        return vectors.dot(force, answer)
 
     def goal(self, first: float) -> float:
         """What the measure must come down to, from its first value."""
@@ -110,13 +112,13 @@ def conjugate_gradients(
     previous = goal = 0.0
     for iteration in range(max_iterations + 1):
         answer = multigrid.precondition(force)
-        product = vectors.dot(force, answer)
-        measure = stop.measure(answer, product)
+        measure = stop.measure(force, answer)
         goal = stop.goal(measure) if iteration == 0 else goal
         if 0.0 <= measure <= goal or iteration == max_iterations:
             if stop.adds_last_answer:
                 vectors.add_scaled(np.float32(1.0), answer, correction)
             return Solved(correction, measure, True, iteration)
+        product = measure if stop.measures_product else vectors.dot(force, answer)
         ratio = product / previous if iteration else 0.0
         vectors.scale_and_add(np.float32(ratio), answer, direction)
         image = multigrid.finest.image(direction, workspace)
