@@ -6,13 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_springs import half_ellipsoid, random_lattice
-from naive import springs as naive
+from make_springs import half_ellipsoid
 from scipy.optimize import brentq
 
 from mammosim.compression.springs import SpringProblem, SpringState, relax, solve
-from mammosim.compression.springs import _lattice_kernels as lattice
-from mammosim.compression.springs._exponential_kernels import LARGEST_STRAIN, strain_springs
 from mammosim.compression.springs.measures import spring_measures
 
 SOLVERS = {
@@ -147,38 +144,6 @@ def test_weight_rests_on_the_support(solver):
     # In lattice units of kPa a force of F mN is 9 F / h^2.
     assert measures["support_force_n"] == pytest.approx(125 * 0.01 / 9.0 * 1e-3, rel=1e-4)
     assert measures["force_n"] == 0.0
-
-
-def test_stiffness_and_slope_are_those_of_the_definition():
-    modulus = random_lattice(3, (4, 5, 4))
-    growth = growth_of(modulus)
-    rng = np.random.default_rng(3)
-    displacement = rng.normal(0.0, 0.25, (3, *modulus.shape))
-    places = np.indices(modulus.shape) + displacement
-    stretch = np.zeros(modulus.shape, np.float32)
-    lattice.cell_stretch(modulus, displacement[2], stretch)
-    for axis in range(3):
-        stiffness, slope = (np.zeros((13, *modulus.shape), np.float32) for _ in range(2))
-        strain_springs(modulus, growth, *displacement, stretch, axis, stiffness, slope)
-        for n in map(tuple, np.argwhere(modulus > 0)):
-            for number, offset in enumerate(naive.NEIGHBOURS[13:]):
-                force, steep = naive.spring_force(modulus, growth, places, n, offset)
-                gap = places[(slice(None), *np.add(n, offset))] - places[(slice(None), *n)]
-                pull = gap - naive.equilibrium_length(modulus, places[2], n, offset)
-                # Single precision of the stretch, times exp(20 e).
-                at = (number, *n)
-                np.testing.assert_allclose(stiffness[at] * pull, force, rtol=1e-4, atol=1e-4)
-                np.testing.assert_allclose(slope[at], steep[axis], rtol=1e-4)
-
-
-def test_a_spring_stiffens_no_further_than_is_finite():
-    modulus, growth = np.zeros((3, 3, 5), np.float32), np.zeros((3, 3, 5), np.float32)
-    modulus[1, 1, 1:3], growth[1, 1, 1:3] = 45.0, 20.0
-    stiffness, stretch = np.zeros((13, 3, 3, 5), np.float32), np.zeros((3, 3, 5), np.float32)
-    u = np.zeros((3, 3, 5))
-    u[1, 1, 2] = 50.0
-    strain_springs(modulus, growth, 0 * u, 0 * u, u, stretch, 2, stiffness, None)
-    assert stiffness[0, 1, 1, 1] == pytest.approx(45.0 * np.exp(20.0 * LARGEST_STRAIN), rel=1e-5)
 
 
 @pytest.fixture(scope="module")
