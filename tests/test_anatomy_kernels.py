@@ -8,8 +8,17 @@ from naive import phantom as naive
 from scipy import ndimage
 
 from mammosim.phantom import GenerateSettings
-from mammosim.phantom.anatomy import _kernels, _noise_kernels, _tube_kernels, generate
+from mammosim.phantom.anatomy import (
+    _kernels,
+    _net_kernels,
+    _noise_kernels,
+    _tube_kernels,
+    generate,
+    lobules,
+)
 from mammosim.tissues import TISSUES
+
+SEPTA = ("ligament_eighth", "ligament_quarter", "ligament_half", "ligament")
 
 LABEL = {name: tissue.label for name, tissue in TISSUES.items()}
 
@@ -22,6 +31,33 @@ def test_noise_agrees_with_its_twin():
         )
 
 
+def test_gland_is_where_the_potential_exceeds_the_threshold():
+    """Blocks that are decided from their corners hold what their voxels would have been given."""
+    settings = GenerateSettings(voxel_mm=2.5, volume_ml=300.0, density="c")
+    anatomy = generate._anatomy(settings, 5)
+    lattice = generate._lattice(anatomy, settings.voxel_mm)
+    texture = generate._texture(anatomy, 5)
+    paint = generate._paint(anatomy)._replace(threshold=0.7)
+    size = (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size)
+    labels = np.zeros(size, np.uint8)
+    _kernels.paint_tissue(
+        generate._dealt(lattice.x_start.size - 1), labels, lattice, texture, paint
+    )
+    gland = labels == LABEL["gland"]
+    soft = np.isin(labels, [LABEL[name] for name in ("adipose", "gland", *SEPTA)])
+    soft &= ndimage.binary_erosion(soft, iterations=2)  # where the skin's dither does not reach
+    soft &= ~ndimage.binary_dilation(labels == LABEL["muscle"], iterations=2)  # fat within it
+    rng, checked = np.random.default_rng(1), 0
+    for index in rng.permutation(np.argwhere(soft))[:400]:
+        point = np.array([axis[n] for axis, n in zip(lattice[:3], index, strict=True)])
+        wanted = naive.gland_potential(texture, lattice.coarse_origin_mm, 2.0, point)
+        if abs(wanted - 0.7) > 1e-6:
+            assert gland[tuple(index)] == (wanted > 0.7)
+            checked += 1
+    assert checked > 350
+    assert 0.05 < gland[soft].mean() < 0.9
+
+
 def test_noise_is_zero_at_lattice_points_and_of_unit_variance():
     for point in np.random.default_rng(2).integers(-30, 30, (20, 3)).astype(float):
         assert _noise_kernels.gradient_noise(*point, 3) == 0.0
@@ -32,23 +68,59 @@ def test_noise_is_zero_at_lattice_points_and_of_unit_variance():
     assert values.var() == pytest.approx(1.0, abs=0.12)
 
 
-def test_lobules_agree_with_their_twin():
+@pytest.fixture(scope="module")
+def net():
+    """A net whose coordinates are turned and stretched against real ones."""
     rng = np.random.default_rng(4)
-    seeds = np.empty((5, 5, 5, 4), np.float32)
-    seeds[..., :3], seeds[..., 3] = rng.uniform(0.12, 0.88, (5, 5, 5, 3)), rng.random((5, 5, 5))
-    origin = np.array([1.0, 2.0, 3.0])
-    points = (np.stack(np.indices((5, 5, 5)), axis=-1) + seeds[..., :3]).reshape(-1, 3)
-    for place in rng.uniform(1.5, 3.5, (60, 3)):
-        found = _noise_kernels.lobules(seeds, origin, 10.0, *(place * 10.0 + origin))
-        pull, wall = naive.lobules(points.astype(float), seeds[..., 3].ravel(), place)
-        assert found[0] == pytest.approx(pull, abs=1e-6)
-        # The second nearest is sought in the 27 cells around, which holds nearly always.
-        assert found[1] == pytest.approx(10.0 * wall, abs=1e-4)
+    axis = np.arange(0.0, 60.0, 2.0)
+    drawn = lobules.draw_net([axis] * 3, 10.0, rng)
+    return drawn, np.array([[0.8, 0.1, 0.0], [-0.2, 1.1, 0.0], [0.0, 0.3, 0.6]])
+
+
+def test_gathered_cells_give_the_walls_of_all_cells(net):
+    drawn, slope = net
+    rng, near = np.random.default_rng(5), _net_kernels.new_near()
+    for centre in rng.uniform(20.0, 40.0, (30, 3)):
+        found = _net_kernels.gather(drawn, centre, 1.8, 2.2, slope, near)
+        assert 0 < found < _net_kernels.MAX_NEAR
+        for _ in range(5):
+            place = centre + rng.uniform(-1.0, 1.0, 3)
+            cells = (place - drawn.origin_mm) / 10.0
+            gap, inside = _net_kernels.wall_distance(near.place, near.pair, found, *cells)
+            wanted, fatness = naive.wall(drawn, place, slope)
+            if wanted < 1.5:  # walls farther off may lie beyond what was gathered
+                assert gap == pytest.approx(wanted, rel=1e-5)
+            assert near.fatness[inside] == pytest.approx(fatness)
+
+
+def test_walls_fill_their_thickness_whatever_the_voxel(net):
+    """Filling times the voxel's side, added up across a wall, is the wall's thickness."""
+    near = _net_kernels.new_near()
+    near.place[0], near.place[1] = [0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.0]
+    near.tag[:2] = 0.25
+    _net_kernels._pairs(near, 2, 10.0, np.eye(3))
+    factor = near.pair[0, 1, 1]
+    for voxel in (0.1, 0.2, 0.5, 1.0):
+        x = np.arange(2.0 + 0.37 * voxel, 8.0, voxel)
+        filling = [
+            _net_kernels.wall_fill(near.place, near.pair, 2, at / 10.0, 0.0, 0.0, 0.3, voxel)
+            for at in x
+        ]
+        assert np.sum(filling) * voxel == pytest.approx(0.3 * factor, rel=1e-9)
+
+
+def test_the_steps_of_a_filling_have_its_mean():
+    part = {0: 0.0, 5: 1.0, 6: 0.125, 7: 0.25, 8: 0.5}
+    lots = (np.arange(20_000) + 0.5) / 20_000
+    for fill in (0.01, 0.1, 0.125, 0.2, 0.3, 0.5, 0.77, 1.0):
+        mean = np.mean([part[_kernels._step(fill, lot)] for lot in lots])
+        assert mean == pytest.approx(fill, abs=1e-4)
 
 
 def test_tubes_agree_with_their_twin():
     axis = np.arange(12) * 0.5
-    lattice = _kernels.Lattice(axis, axis, axis, np.zeros(3), 2.0)
+    start = np.arange(4) * 4
+    lattice = _kernels.Lattice(axis, axis, axis, np.zeros(3), 2.0, start, start, start)
     ends = np.array([[[0.7, 1.0, 1.2], [4.0, 4.4, 3.1]], [[2.0, 4.5, 1.0], [2.0, 4.5, 1.0]]])
     radius, label = np.array([[0.1, 0.9], [0.8, 0.8]]), np.array([125, 95], np.uint8)
     labels = np.zeros((12, 12, 12), np.uint8)
@@ -63,33 +135,17 @@ def test_tubes_agree_with_their_twin():
         assert labels[index] == wanted
 
 
-def test_gland_is_where_the_full_potential_exceeds_the_threshold():
-    """The kernel stops adding noise where it no longer matters; the sampler never does."""
-    settings = GenerateSettings(voxel_mm=2.5, volume_ml=300.0, density="c")
-    shape, field, lobule, duct, vessel = np.random.default_rng(5).spawn(5)
-    anatomy = generate._anatomy(settings, shape, field, duct, vessel)
-    lattice = generate._lattice(anatomy, settings.voxel_mm)
-    texture = generate._texture(anatomy, 5, lobule)
-    size = (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size)
-    labels, potential, state = (np.zeros(size, kind) for kind in (np.uint8, np.float32, np.uint8))
-    paint = generate._paint(anatomy)._replace(threshold=0.7)
-    _kernels.sample_potential(labels, lattice, texture, paint, 1, potential, state)
-    _kernels.paint_tissue(labels, lattice, texture, paint)
-    # Where the skin's dither does not reach.
-    inside = np.isin(state, [_kernels.FAT_OR_GLAND, _kernels.WALL_OR_GLAND])
-    inside &= ndimage.binary_erosion(inside, iterations=2)
-    near = np.abs(potential - 0.7) < 1e-6  # single precision
-    assert inside.sum() > 3000
-    assert 0.1 < (labels[inside] == LABEL["gland"]).mean() < 0.9
-    np.testing.assert_array_equal(
-        (labels == LABEL["gland"])[inside & ~near], (potential > 0.7)[inside & ~near]
-    )
+def test_the_nipple_is_a_blunt_tilted_cone():
+    """Foot at 50 mm, 7 mm high, 5 mm wide at the foot, half of it at the tip, leaning laterally."""
+    nipple = np.array([50.0, 7.0, 5.0, 0.5, 0.2, 0.0, 4.0, 0.0, 0.0])
 
+    def inside(x, y, z):
+        return _kernels.in_nipple(x, y, z, 50.0 - x, 1.5, nipple)
 
-def test_the_nipple_is_a_cylinder_with_a_dome():
-    nipple = np.array([50.0, 7.0, 5.0])
-    assert _kernels.nipple_distance(52.0, 0.0, 0.0, nipple) < 0.0
-    assert _kernels.nipple_distance(57.0, 0.0, 0.0, nipple) == pytest.approx(0.0, abs=1e-12)
-    assert _kernels.nipple_distance(50.0, 5.0, 0.0, nipple) == pytest.approx(0.0, abs=1e-12)
-    assert _kernels.nipple_distance(50.0, 8.0, 0.0, nipple) == pytest.approx(3.0)
-    assert _kernels.nipple_distance(56.9, 4.0, 0.0, nipple) > 0.0
+    assert inside(56.0, 1.2, 0.0)
+    assert not inside(57.5, 1.4, 0.0)
+    assert inside(53.0, 0.6 + 3.8, 0.0)
+    assert not inside(53.0, 0.6 - 4.2, 0.0)
+    assert inside(49.0, 4.9, 0.0)
+    assert not inside(49.0, 5.1, 0.0)
+    assert not inside(48.0, 0.0, 0.0)  # behind the skin

@@ -29,7 +29,7 @@ from mammosim.phantom.anatomy import (
 from mammosim.phantom.anatomy.axilla import draw_axilla
 from mammosim.phantom.anatomy.muscle import draw_muscle, fit_volume
 from mammosim.phantom.anatomy.outline import Outline, coarse_frame, mesh, near_depth, skin_depth
-from mammosim.phantom.anatomy.shape import draw_shape
+from mammosim.phantom.anatomy.shape import draw_shape, like
 from mammosim.phantom.size import expected_voxels
 from mammosim.report.texture import power_law_exponent
 from mammosim.tissues import TISSUES
@@ -163,9 +163,11 @@ def test_the_nipple_stands_out():
         generate_phantom("b", 0.75, 3, nipple_height_mm=height, **settings) for height in (5, 9)
     )
     nipple = low.frame.position_mm(np.argwhere(low.labels == LABEL["nipple"]))
-    assert np.ptp(nipple[:, 1]) == pytest.approx(10.0, abs=1.5)
-    np.testing.assert_allclose(nipple[:, 1:].mean(axis=0), 0.0, atol=0.75)
-    np.testing.assert_allclose(low.nipple_mm[1:], 0.0, atol=0.75)
+    # Its foot is 1.2 mm wider all around, and uneven by half a millimetre or so.
+    assert 10.0 < np.ptp(nipple[:, 1]) < 10.0 + 2 * (1.2 + 1.0) + 0.75
+    # It leans by up to half its height.
+    np.testing.assert_allclose(nipple[:, 1:].mean(axis=0), 0.0, atol=1.5)
+    np.testing.assert_allclose(low.nipple_mm[1:], 0.0, atol=3.0)
     assert high.nipple_mm[0] - low.nipple_mm[0] == pytest.approx(4.0, abs=0.8)
 
 
@@ -179,18 +181,54 @@ def test_ducts_lead_from_the_nipple_to_lobular_units(scattered):
     assert connected.sum() > 0.95 * ducts.sum()
 
 
-def test_a_right_breast_is_the_mirror_image_and_is_recognised_when_read(tmp_path):
-    left, right = (generate_phantom("b", 1.5, 4, side) for side in "LR")
-    np.testing.assert_array_equal(left.labels, right.labels[:, ::-1])
-    mirrored = left.frame.position_mm(np.array(left.labels.shape) - 1) * [1, -1, 1]
-    np.testing.assert_allclose(right.origin_mm[1], mirrored[1])
-    for breast in (left, right):
+def test_the_other_breast_is_alike_but_no_mirror_image():
+    """Over women: sizes within a tenth or so, shapes closer than those of other women."""
+    volumes = []
+    for seed in range(4):
+        left, right = (generate_phantom("b", 4.0, seed, side) for side in "LR")
+        volumes.append([phantom_summary(breast).breast_ml for breast in (left, right)])
+        same = left.labels.shape == right.labels.shape
+        assert not same or (left.labels != right.labels[:, ::-1]).mean() > 0.02
+    # Sizes differ by a factor with a spread of 4 % a breast, cut off at two of them.
+    apart = np.abs(np.diff(np.log(volumes), axis=1))
+    assert 0.0 < apart.min() <= apart.max() < 0.19
+
+
+def test_shapes_of_a_pair_are_closer_than_those_of_two_women():
+    rng = np.random.default_rng(6)
+    women = [draw_shape(600.0, rng) for _ in range(30)]
+    pairs = [[like(woman, rng) for _ in range(2)] for woman in women]
+    names = ("depth_mm", "lateral", "medial", "upper", "lower")
+    axes = np.log([[[getattr(one, name) for name in names] for one in pair] for pair in pairs])
+    within = axes.std(axis=1).mean(axis=0)
+    assert (within < 0.6 * axes.mean(axis=1).std(axis=0)).all()
+
+
+def test_a_set_volume_is_that_of_both_breasts():
+    for side in "LR":
+        breast = generate_phantom("b", 2.0, 7, side, volume_ml=400.0)
+        assert phantom_summary(breast).breast_ml == pytest.approx(400.0, rel=0.03)
+
+
+def test_a_breast_is_recognised_when_read(tmp_path):
+    for breast in (generate_phantom("b", 1.5, 4, side) for side in "LR"):
         path = tmp_path / f"{breast.laterality}.npz"
         np.savez(path, labels=breast.labels, voxel_mm=breast.voxel_mm, origin_mm=breast.origin_mm)
         read = read_phantom(path)
         assert read.laterality == breast.laterality
         assert all("guessed from the muscle wedge" in note for note in read.notes)
         np.testing.assert_allclose(read.nipple_mm, breast.nipple_mm)
+
+
+def test_septa_are_reported_and_do_not_depend_on_the_voxel():
+    """Walls of some tenths of a millimetre fill the same volume in voxels of any size."""
+    ligament = [
+        phantom_summary(generate_phantom("a", voxel, 6, volume_ml=200.0)).volume_ml["ligament"]
+        for voxel in (0.5, 1.0)
+    ]
+    # Of 200 mL, some hundred thousand voxels by lot; skin and tubes are coarser in the larger.
+    assert ligament[0] == pytest.approx(ligament[1], rel=0.05)
+    assert 4.0 < ligament[0] < 30.0
 
 
 @pytest.mark.parametrize("seed", range(20, 32))
@@ -243,7 +281,7 @@ def test_a_dithered_surface_is_where_it_should_be_on_average():
         skin = np.zeros((12, 12), int)
         for i, j, k in np.ndindex(12, 12, 20):
             depth = k - face  # in voxels, the slab goes on upwards
-            corner = np.arange(8) % 2 * 2.0  # its gradient points along the last axis
+            corner = np.arange(8)[None] % 2 * 2.0  # its gradient points along the last axis
             shifted = depth + _kernels.dither(i, j, k, corner)
             layers[i, j] += shifted > 0.0
             skin[i, j] += 0.0 < shifted < 3.0
@@ -260,7 +298,7 @@ def test_the_dither_is_half_a_voxel_at_most_along_its_axis():
                  corner[[2, 3, 6, 7]].sum() - corner[[0, 1, 4, 5]].sum(),
                  corner[1::2].sum() - corner[::2].sum()]  # fmt: skip
         bound = 0.5 * np.abs(slope).max() / np.linalg.norm(slope)
-        shift = _kernels.dither(*rng.integers(0, 1000, 3), corner)
+        shift = _kernels.dither(*rng.integers(0, 1000, 3), corner[None])
         assert abs(shift) <= bound + 1e-12
 
 

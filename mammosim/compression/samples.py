@@ -146,8 +146,8 @@ class Sampler:
         moduli = {
             tissue: sample.stiffness.get(stiffness_group(tissue), 1.0)
             * self._settings.moduli(tissue)
-            for tissue in TISSUES
-            if tissue != "air"
+            for tissue, entry in TISSUES.items()
+            if tissue != "air" and not entry.mixture  # mixtures follow their parts
         }
         changes: dict[str, Any] = {
             "thickness_mm": None,
@@ -180,8 +180,9 @@ def _groups(breast: BreastPhantom) -> tuple[str, ...]:
     for plane in breast.labels:
         present |= np.bincount(plane.ravel(), minlength=256) > 0
     names = {
-        stiffness_group(name)
+        stiffness_group(part)
         for label, name in breast.tissue_of_label.items()
         if name != "air" and present[label]
+        for part in TISSUES[name].mixture or (name,)
     }
     return tuple(sorted(names))

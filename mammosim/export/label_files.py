@@ -26,6 +26,8 @@ COLOURS = {
     "ligament": (240, 240, 220, 255), "tdlu": (255, 127, 80, 255), "duct": (255, 160, 122, 255),
     "artery": (220, 20, 60, 255), "vein": (65, 105, 225, 255), "mass": (50, 205, 50, 255),
     "calcification": (255, 255, 255, 255), "clip": (0, 206, 209, 255),
+    "ligament_eighth": (244, 224, 150, 255), "ligament_quarter": (244, 226, 160, 255),
+    "ligament_half": (243, 231, 180, 255),
 }  # fmt: skip
 """Red, green, blue and opacity of each tissue; chosen."""
 

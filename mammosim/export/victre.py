@@ -19,6 +19,7 @@ from mammosim.compression import CompressedBreast
 from mammosim.export.atomic import write_text
 from mammosim.export.label_files import table_of_compressed, write_label_files
 from mammosim.export.metaimage_files import write_metaimage
+from mammosim.export.whole_voxels import to_whole_voxels
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom import LESION_KINDS
 from mammosim.tissues import TISSUES
@@ -67,7 +68,8 @@ def write_victre(
     VICTRE's `insert_lesions` writes them. The plates are flat, where VICTRE's have an edge of 3 mm
     radius and a lip; as in VICTRE they are only where there is air, so that tissue which stands
     out beyond its lattice node by half a cell dents them. A lesion's voxels carry the label of its
-    tissue; that calcifications may fill only part of a voxel is lost.
+    tissue; that calcifications may fill only part of a voxel is lost. Voxels that septa fill in
+    part become ligament or fat as a whole, as many as keep the septa's volume.
     """
     folder = Path(folder) / str(seed)
     whole, grid = _between_plates(squeezed, labels, frame)
@@ -108,6 +110,7 @@ def _between_plates(
     grid = VoxelFrame(origin, frame.spacing_mm, (nx, ny, nz + sum(pad)))
     out = np.zeros(grid.shape, np.uint8)
     np.take(tissue_label, labels, out=out[:, :, pad[0] : pad[0] + nz])
+    to_whole_voxels(out)
     under = _first_under_plates(squeezed, grid)
     for layer in _plate_layers(squeezed, grid):
         slab = out[under:, :, layer]

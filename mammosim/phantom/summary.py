@@ -9,6 +9,10 @@ import numpy as np
 from mammosim.phantom.breast import BreastPhantom, Lesion
 from mammosim.phantom.lesion_kinds import lesion_tissues
 from mammosim.phantom.place import tissue_box_mm
+from mammosim.tissues import TISSUES
+
+FIBROGLANDULAR = ("gland", "tdlu", "duct")
+"""What counts to the density; septa and vessels, which lie in fat as well, are reported beside."""
 
 NOT_WITHIN_SKIN = ("air", "skin", "nipple", "muscle", *lesion_tissues())
 
@@ -29,11 +33,12 @@ class PhantomSummary:
         Outer faces of the box around all tissue along x, y, z, breast frame, mm.
     laterality : {"L", "R"}
     volume_ml : dict of str to float
-        Volume of the voxels of each tissue that occurs, mL.
+        Volume of each tissue that occurs, mL; of mixtures, each tissue's part.
     breast_ml : float
         All tissue but muscle, mL.
     fibroglandular_percent : float or None
-        Share of everything but fat in the volume within the skin, without muscle and lesions, %.
+        Share of gland, ducts and terminal units in the volume within the skin, without muscle and
+        lesions, %. Septa are in `volume_ml` as ligament.
     nipple_mm : tuple of float
     lesions : tuple of Lesion
     notes : tuple of str
@@ -71,11 +76,13 @@ def phantom_summary(breast: BreastPhantom) -> PhantomSummary:
     volume: dict[str, float] = {}
     for label in np.flatnonzero(counts):
         tissue = breast.tissue_of_label[int(label)]
-        if tissue != "air":
-            volume[tissue] = volume.get(tissue, 0.0) + int(counts[label]) * voxel_ml
+        for part, share_of_voxel in (TISSUES[tissue].mixture or {tissue: 1.0}).items():
+            if part != "air":
+                found_ml = int(counts[label]) * voxel_ml * share_of_voxel
+                volume[part] = volume.get(part, 0.0) + found_ml
     within = {tissue: ml for tissue, ml in volume.items() if tissue not in NOT_WITHIN_SKIN}
     total = sum(within.values())
-    share = 100.0 * (1.0 - within.get("adipose", 0.0) / total) if total else None
+    share = 100.0 * sum(within.get(name, 0.0) for name in FIBROGLANDULAR) / total if total else None
     box = tissue_box_mm(breast)
     return PhantomSummary(
         source=breast.source,

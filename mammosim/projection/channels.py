@@ -14,7 +14,7 @@ from mammosim.projection._label_kernels import (
     planes_of_labels,
     planes_of_words,
 )
-from mammosim.tissues import TISSUES
+from mammosim.tissues import TISSUES, Tissue
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +28,17 @@ class Channels:
     lesions : tuple of Lesion or None
         Lesion that each channel is, None where it is a material.
     of_label : ndarray of int64, (256,)
-        Channel of each label; ``len(names)`` for air.
+        Channel of each label; mixtures have channels of their own after the named ones, air the
+        one after those.
+    shares : ndarray of float32, (mixtures, ``len(names)``)
+        Part of each material in the mixtures, in the order of their channels.
     """
 
     names: tuple[str, ...]
     materials: tuple[str, ...]
     lesions: tuple[Lesion | None, ...]
     of_label: NDArray[np.int64]
+    shares: NDArray[np.float32]
 
     def __len__(self) -> int:
         return len(self.names)
@@ -62,15 +66,24 @@ def channels_of(phantom: BreastPhantom) -> Channels:
     if unknown:
         raise InputError(f"phantom: found voxels with label {unknown}, which no tissue has")
     of_lesion = {lesion.label: lesion for lesion in phantom.lesions}
-    material_of = {
-        int(label): TISSUES[phantom.tissue_of_label[int(label)]].material
+    tissue_of = {
+        int(label): TISSUES[phantom.tissue_of_label[int(label)]]
         for label in present
         if int(label) not in of_lesion
     }
+    material_of = {label: tissue.material for label, tissue in tissue_of.items()}
+    mixed = {label: _materials_of(tissue) for label, tissue in tissue_of.items() if tissue.mixture}
+    found = {*material_of.values(), *(name for parts in mixed.values() for name in parts)}
     in_table_order = dict.fromkeys(tissue.material for tissue in TISSUES.values())
-    materials = [name for name in in_table_order if name and name in material_of.values()]
+    materials = [name for name in in_table_order if name and name in found]
     lesions = [lesion for lesion in phantom.lesions if TISSUES[lesion.tissue].material]
-    of_label = np.full(256, len(materials) + len(lesions), dtype=np.int64)
+    named = len(materials) + len(lesions)
+    of_label = np.full(256, named + len(mixed), dtype=np.int64)
+    shares = np.zeros((len(mixed), named), np.float32)
+    for order, (label, parts) in enumerate(mixed.items()):
+        of_label[label] = named + order
+        for name, part in parts.items():
+            shares[order, materials.index(name)] += part
     for label, material in material_of.items():
         if material is not None:
             of_label[label] = materials.index(material)
@@ -81,7 +94,13 @@ def channels_of(phantom: BreastPhantom) -> Channels:
         (*materials, *(str(TISSUES[lesion.tissue].material) for lesion in lesions)),
         (*(None for _ in materials), *lesions),
         of_label,
+        shares,
     )
+
+
+def _materials_of(mixture: Tissue) -> dict[str, float]:
+    """Part of each material in a tissue that is a mixture."""
+    return {str(TISSUES[name].material): part for name, part in mixture.mixture.items()}
 
 
 def planes_with_labels(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -134,5 +153,7 @@ def host_channel(phantom: BreastPhantom, lesion: Lesion, channels: Channels) -> 
         around[tuple(ahead)] |= inside[tuple(behind)]
         around[tuple(behind)] |= inside[tuple(ahead)]
     neighbours = channels.of_label[phantom.labels[slab][around & ~inside]]
-    counts = np.bincount(neighbours, minlength=len(channels) + 1)[: channels.lesion_labels.count(0)]
+    materials, mixtures = channels.lesion_labels.count(0), len(channels.shares)
+    found = np.bincount(neighbours, minlength=len(channels) + mixtures + 1)
+    counts = found[:materials] + found[len(channels) : -1] @ channels.shares[:, :materials]
     return int(counts.argmax()) if counts.any() else None

@@ -80,9 +80,12 @@ def trace_onto(
     """Path lengths onto one gantry's detector; its focal spot may be anywhere above the breast."""
     conserve_mass = settings.conserve_mass
     length, attenuating = trace_rays(
-        squeezed.phantom.labels, channels.of_label, len(channels), mapped.nodes,
-        _beam(gantry, mapped), weighted=conserve_mass,
+        squeezed.phantom.labels, channels.of_label, len(channels) + len(channels.shares),
+        mapped.nodes, _beam(gantry, mapped), weighted=conserve_mass,
     )  # fmt: skip
+    same = attenuating is length
+    length = _shared_out(length, channels)
+    attenuating = length if same else _shared_out(attenuating, channels)
     attenuating = _filled(attenuating, length, squeezed, channels)
     if settings.smooth_voxels and conserve_mass:
         voxel_mm = stretched_voxel_mm(mapped, squeezed.phantom.voxel_mm)
@@ -99,6 +102,15 @@ def trace_onto(
         clipped_fraction=mapped.clipped_fraction if conserve_mass else 0.0,
         breast=squeezed,
     )
+
+
+def _shared_out(traced: NDArray[np.float32], channels: Channels) -> NDArray[np.float32]:
+    """Lengths of the named channels, to which those of mixtures are added by their parts."""
+    named = traced[: len(channels)]
+    for mixture, shares in zip(traced[len(channels) :], channels.shares, strict=True):
+        for channel in np.flatnonzero(shares):
+            named[channel] += shares[channel] * mixture
+    return named
 
 
 def _beam(gantry: Gantry, mapped: VoxelMap) -> Beam:

@@ -140,8 +140,9 @@ def _points(phantom: BreastPhantom) -> tuple[NDArray[np.float64], NDArray[np.flo
     """Evenly taken points of tissue (n, 3), breast frame, mm, and their brightness (n,)."""
     shares = np.zeros(256)
     for label, name in phantom.tissue_of_label.items():
-        if TISSUES[name].material is not None:
-            shares[label] = _FAT_SHARE if TISSUES[name].material == "adipose" else 1.0
+        for part, share in (TISSUES[name].mixture or {name: 1.0}).items():
+            if TISSUES[part].material is not None:
+                shares[label] += share * (_FAT_SHARE if part == "adipose" else 1.0)
     tissue = sum(int(np.count_nonzero(plane)) for plane in phantom.labels)
     volume_mm3 = tissue * float(np.prod(phantom.voxel_mm))
     wanted_mm = max(1.0, (volume_mm3 / MOST_POINTS) ** (1.0 / 3.0))

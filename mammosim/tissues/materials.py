@@ -107,6 +107,9 @@ def density_g_cm3(tissue: str) -> float:
     >>> density_g_cm3("adipose")
     0.93
     """
+    mixture = TISSUES[tissue].mixture
+    if mixture:
+        return sum(part * density_g_cm3(name) for name, part in mixture.items())
     material = TISSUES[tissue].material
     return composition("hammerstein", CALCIFICATIONS[0])[str(material)].density_g_cm3
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from types import MappingProxyType
@@ -30,6 +30,9 @@ class Tissue:
         Young's modulus in each set that names it, kPa.
     stiffening : float or None
         Enl of E = Ec exp(Enl e) at strain e; None: that of the tissue it is `like`.
+    mixture : mapping of str to float
+        Tissues that share a voxel of it and the part that each fills; they sum to one. Empty for
+        all but mixtures, which have no material and no modulus of their own.
     """
 
     name: str
@@ -40,6 +43,7 @@ class Tissue:
         default_factory=lambda: MappingProxyType({})
     )
     stiffening: float | None = None
+    mixture: MappingProxyType[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
 
 def _load() -> dict[str, Any]:
@@ -59,6 +63,7 @@ TISSUES: MappingProxyType[str, Tissue] = MappingProxyType(
             block.get("like"),
             MappingProxyType(block.get("stiffness_kpa", {})),
             block.get("stiffening"),
+            MappingProxyType(block.get("mixture", {})),
         )
         for name, block in _TABLE["tissues"].items()
     }
@@ -104,6 +109,8 @@ def stiffness_kpa(tissue: str, stiffness_set: str) -> float:
             f"expected one of {', '.join(STIFFNESS_SETS)}"
         )
     entry = TISSUES[tissue]
+    if entry.mixture:
+        return _mean(entry.mixture, lambda part: stiffness_kpa(part, stiffness_set))
     while stiffness_set not in entry.stiffness_kpa:
         if entry.like is None:
             raise InputError(f"tissue '{entry.name}' has no stiffness in set '{stiffness_set}'")
@@ -159,6 +166,8 @@ class Moduli:
     def __call__(self, tissue: str) -> float:
         """Young's modulus of a tissue other than air, kPa."""
         entry = TISSUES[tissue]
+        if entry.mixture and tissue not in self.given:
+            return _mean(entry.mixture, self)
         while entry.name not in self.given:
             if self.stiffness_set in entry.stiffness_kpa or entry.like is None:
                 return stiffness_kpa(tissue, self.stiffness_set)
@@ -184,9 +193,16 @@ def stiffening(tissue: str) -> float:
     10.0
     """
     entry = TISSUES[tissue]
+    if entry.mixture:
+        return _mean(entry.mixture, stiffening)
     while entry.stiffening is None:
         entry = TISSUES[str(entry.like)]
     return entry.stiffening
+
+
+def _mean(mixture: Mapping[str, float], value_of: Callable[[str], float]) -> float:
+    """Mean over a mixture's tissues, of a modulus an upper bound (Voigt 1889, Ann Phys 274:573)."""
+    return sum(part * value_of(tissue) for tissue, part in mixture.items())
 
 
 def poisson_ratio(stiffness_set: str) -> float:

@@ -41,14 +41,71 @@ def gradient_noise(point, key):
     return total
 
 
-def lobules(points, strength, place):
-    """Pull of the nearest of all points (n, 3), and distance to the plane half way to the next."""
-    distance = np.linalg.norm(points - place, axis=1)
-    first, second = np.argsort(distance)[:2]
-    normal = points[second] - points[first]
-    middle = 0.5 * (points[first] + points[second])
-    wall = (middle - place) @ normal / np.linalg.norm(normal)
-    return strength[first] * max(0.0, 1 - distance[first] ** 2 / 0.36), wall
+def wall(net, place_mm, slope):
+    """Distance to the nearest wall of a power diagram, real mm, and fatness of the cell there.
+
+    `slope` takes real to net coordinates, so that a wall's normal n has a real gradient slope^T n.
+    """
+    cells = np.indices(net.seeds.shape[:3])
+    there = net.seeds[..., 3] >= -5.0
+    points = (np.moveaxis(cells, 0, -1) + net.seeds[..., :3])[there].astype(float)
+    weight, fatness = net.seeds[..., 3][there].astype(float), net.seeds[..., 4][there]
+    place = (np.asarray(place_mm) - net.origin_mm) / net.cell_mm
+    power = ((points - place) ** 2).sum(axis=1) - weight
+    own = int(power.argmin())
+    steep = 2.0 * np.linalg.norm((points - points[own]) @ slope, axis=1) / net.cell_mm
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gap = (power - power[own]) / steep
+    gap[own] = np.inf
+    return gap.min(), fatness[own]
+
+
+def gland_potential(texture, origin_mm, coarse_mm, point_mm):
+    """Potential at a point as voxels have it: interpolated on the sub-grid of its block."""
+    at = (np.asarray(point_mm) - origin_mm) / coarse_mm
+    block = np.floor(at).astype(int)
+    sub = (at - block) * 4
+    first = np.minimum(sub.astype(int), 3)
+    corners = texture.fields[tuple(slice(n, n + 2) for n in block)].astype(float)
+    total = 0.0
+    for corner in itertools.product((0, 1), repeat=3):
+        node = (first + corner) / 4
+        weight = np.prod(np.where(corner, sub - first, 1 - (sub - first)))
+        place = origin_mm + (block + node) * coarse_mm
+        total += weight * _full_potential(texture, corners, node, place, coarse_mm)
+    return total
+
+
+def _full_potential(texture, corners, node, place, coarse_mm):
+    weights = [np.prod(np.where(c, node, 1 - node)) for c in itertools.product((0, 1), repeat=3)]
+    values = np.tensordot(weights, corners.reshape(8, -1), axes=1)
+    slope = (
+        np.stack(
+            [
+                (corners[1].mean((0, 1)) - corners[0].mean((0, 1)))[5:8],
+                (corners[:, 1].mean((0, 1)) - corners[:, 0].mean((0, 1)))[5:8],
+                (corners[:, :, 1].mean((0, 1)) - corners[:, :, 0].mean((0, 1)))[5:8],
+            ],
+            axis=1,
+        )
+        / coarse_mm
+    )
+    towards = texture.apex_mm - place
+    r = np.linalg.norm(towards) + 1.0
+    noise = 0.0
+    for octave, (amplitude, per) in enumerate(
+        zip(texture.fan_amplitude, texture.fan_per_radian, strict=True)
+    ):
+        seen = [np.log(r) / 5.0 * per, -towards[1] / r * per, -towards[2] / r * per]
+        noise += amplitude * gradient_noise(seen, texture.key + octave)
+    for octave, (amplitude, grain) in enumerate(
+        zip(texture.grain_amplitude, texture.grain_mm, strict=True)
+    ):
+        noise += amplitude * gradient_noise(place / grain, texture.key + 64 + octave)
+    gap, fatness = wall(texture.coarse, values[5:8], slope)
+    part = min(gap / texture.lobule_mm, 1.0)
+    pull = texture.lobule_amplitude * fatness * part * (2.0 - part)
+    return values[2] + np.clip(noise, -texture.noise_limit, texture.noise_limit) - pull
 
 
 def in_cone(point, start, end, radius):

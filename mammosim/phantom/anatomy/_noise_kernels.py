@@ -1,9 +1,8 @@
-"""Noise and fat lobules at a point, from hashes and seeds: the same for any order of visits."""
+"""Noise at a point from hashes of lattice points: the same for any order of visits."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mammosim._jit import kernel
 
@@ -47,38 +46,3 @@ def gradient_noise(x: float, y: float, z: float, key: int) -> float:
             high = _corner(i + a, j + b, k + 1, key, x - a, y - b, z - 1.0)
             total += wu * wv * (low + w * (high - low))
     return total
-
-
-@kernel
-def lobules(
-    seeds: NDArray[np.float32], origin_mm: NDArray[np.float64], cell_mm: float,
-    x: float, y: float, z: float,
-) -> tuple[float, float]:  # fmt: skip
-    """Pull of the nearest fat lobule, and distance to the wall between it and the next, mm.
-
-    The lobules are Voronoi cells of jittered points (Worley 1996, SIGGRAPH 291-294); `seeds` is
-    (nx, ny, nz, 4), a point of each cell, in cells, and its strength.
-    """
-    u = (x - origin_mm[0]) / cell_mm
-    v = (y - origin_mm[1]) / cell_mm
-    w = (z - origin_mm[2]) / cell_mm
-    i, j, k = int(u), int(v), int(w)
-    first, second = 1e9, 1e9
-    fx = fy = fz = sx = sy = sz = strength = 0.0
-    for a in range(max(i - 1, 0), min(i + 2, seeds.shape[0])):
-        for b in range(max(j - 1, 0), min(j + 2, seeds.shape[1])):
-            for c in range(max(k - 1, 0), min(k + 2, seeds.shape[2])):
-                px = a + seeds[a, b, c, 0]
-                py = b + seeds[a, b, c, 1]
-                pz = c + seeds[a, b, c, 2]
-                squared = (px - u) ** 2 + (py - v) ** 2 + (pz - w) ** 2
-                if squared < first:
-                    second, sx, sy, sz = first, fx, fy, fz
-                    first, fx, fy, fz = squared, px, py, pz
-                    strength = seeds[a, b, c, 3]
-                elif squared < second:
-                    second, sx, sy, sz = squared, px, py, pz
-    between = np.sqrt((fx - sx) ** 2 + (fy - sy) ** 2 + (fz - sz) ** 2)
-    wall = 0.5 * (second - first) / max(between, 1e-3) * cell_mm
-    pull = strength * max(0.0, 1.0 - first / 0.36)
-    return pull, wall

@@ -52,11 +52,11 @@ def draw_axilla(shape: Shape, rng: np.random.Generator) -> Axilla:
     radius = shape.radius_mm
     start = 0.5 * shape.base_superior_mm
     return Axilla(
-        height_mm=(14.0 + 0.42 * radius) * rng.uniform(0.9, 1.15),
-        half_width_mm=(6.0 + 0.40 * radius) * rng.uniform(0.9, 1.1),
+        height_mm=radius * rng.uniform(0.76, 0.96),
+        half_width_mm=radius * rng.uniform(0.72, 0.90),
         offset_mm=start + radius * rng.uniform(-0.05, 0.1),
-        cut_mm=radius * rng.uniform(1.10, 1.24) + start,
-        off_mm=0.86 * radius + start,
+        cut_mm=radius * rng.uniform(1.36, 1.52) + start,
+        off_mm=0.72 * radius + start,
     )
 
 
@@ -80,7 +80,7 @@ def ridge_level(axilla: Axilla, shape: Shape, points_mm: Points) -> NDArray[np.f
     x, lateral, superior = points_mm
     angle = np.deg2rad(CUT_DEG)
     across = superior * np.cos(angle) - lateral * np.sin(angle) - axilla.offset_mm
-    begun = np.clip(along_mm(lateral, superior) / shape.radius_mm + 0.3, 0.0, 1.0)
+    begun = np.clip(along_mm(lateral, superior) / shape.radius_mm + 0.05, 0.0, 1.0)
     begun = begun * begun * (3.0 - 2.0 * begun)
     depth = np.clip(x, 0.0, None)
     inside: NDArray[np.float64] = (

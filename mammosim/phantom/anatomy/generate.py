@@ -12,28 +12,37 @@ from mammosim.config import documents_keys, given_settings
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy import _kernels
+from mammosim.phantom.anatomy._net_kernels import Net
 from mammosim.phantom.anatomy._tube_kernels import paint_tubes
 from mammosim.phantom.anatomy.axilla import CUT_DEG, OFF_DEG, Axilla, draw_axilla
 from mammosim.phantom.anatomy.ducts import grow_ducts
 from mammosim.phantom.anatomy.keys import OtherGenerateKeys
+from mammosim.phantom.anatomy.lobules import (
+    FINE_MM,
+    LOBULE_MM,
+    draw_net,
+    lobule_coordinates,
+    septum_mm,
+)
 from mammosim.phantom.anatomy.muscle import (
+    BUNDLE_MM,
     COVER_MM,
-    FIBRE_NOISE,
     draw_muscle,
+    fibre_coordinates,
     fit_volume,
     muscle_depth,
 )
+from mammosim.phantom.anatomy.nipple import Nipple, draw_nipple, varied
 from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, skin_depth
 from mammosim.phantom.anatomy.parenchyma import (
     Parenchyma,
     draw_parenchyma,
     gland_potential,
     gland_room,
-    septum_mm,
-    warps,
 )
 from mammosim.phantom.anatomy.settings import GenerateSettings
-from mammosim.phantom.anatomy.shape import TYPICAL_ML, draw_shape
+from mammosim.phantom.anatomy.shape import TYPICAL_ML, draw_shape, like
+from mammosim.phantom.anatomy.skin import skin_mm
 from mammosim.phantom.anatomy.tubes import Tubes, gather_tubes
 from mammosim.phantom.anatomy.vessels import grow_vessels
 from mammosim.phantom.breast import BreastPhantom, OpenEnd
@@ -45,25 +54,26 @@ VOLUME_SPREAD, VOLUMES_ML = 0.48, (100.0, 1900.0)
 that thickness and area of compressed breasts are spread as published (docs/explanation/phantom.md
 compares them)."""
 
-LOBULE_MM = 11.0
-"""Side of the cells that hold one fat lobule each, mm: lobules are 5 to 20 mm across."""
+SIDES_SPREAD = 0.04
+"""The same of each breast about what a woman's have in common: two thirds of pairs differ by less
+than 6 %."""
 
-FAN_SHARE, FAN_PER_RADIAN = (0.40, 0.36, 0.38, 0.40), (5.0, 11.0, 23.0, 46.0)
+FAN_SHARE, FAN_PER_RADIAN = (0.46, 0.40, 0.36), (6.0, 14.0, 32.0)
 """Strands: relative amplitude, and waves per radian seen from behind the nipple."""
 
-GRAIN_AMPLITUDE, GRAIN_MM = (0.12, 0.28, 0.52), (6.5, 3.1, 1.4)
-"""Isotropic detail. Equal amplitude an octave would be a volume spectrum f^-3, whose exponent a
-parallel projection keeps; the threshold smooths, so that finer octaves are made stronger until
-projections have the exponent of mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess
-1999, Proc SPIE 3659)."""
+GRAIN_AMPLITUDE, GRAIN_MM = (0.14, 0.16, 0.20), (6.0, 3.1, 1.6)
+"""Isotropic detail, by amplitude and wavelength, until projections have the exponent of
+mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 1999, Proc SPIE 3659)."""
+
+NOISE_LIMIT = 1.5
+"""Strands and grain together count for no more: beyond it blocks are decided without them."""
+
+FINE_SEPTUM = 0.4
+"""Thickness of the septa within lobules against those between them. Chosen by eye."""
 
 AREOLA_MM = (0.5, 14.0)
 """Extra thickness of the skin at the areola and its radius, mm: skin is thickest there; the
 numbers are a choice."""
-
-SAMPLE_MM = 1.5
-"""Distance of the voxels on which the share of gland is set, mm."""
-
 
 Density = Literal["fatty", "scattered", "heterogeneous", "dense", "a", "b", "c", "d"]
 
@@ -88,7 +98,8 @@ GenerateSettings
     seed : int
         Seed, 0 or more: the same seed gives the same voxels whatever the number of threads.
     laterality : {"L", "R"}
-        A right breast is the mirror image of the left one of its seed.
+        The right breast of a seed is the other breast of the same woman: alike in size, shape and
+        way in which gland lies, but not its mirror image.
     **keys
         Other keys of `GenerateSettings`.
 
@@ -106,11 +117,14 @@ GenerateSettings
     Notes
     -----
     Smooth fields (distance to skin, muscle and ducts, where gland may be) are made on a grid of
-    2 mm; gland is where their sum with noise, strands towards the nipple and fat lobules exceeds
-    a threshold, which is set so that the class's share of fibroglandular tissue (gland, ducts,
-    units, ligaments and vessels, of all within the skin but muscle) is met. Surfaces of skin are
-    dithered within a voxel, so that their staircase draws no contour lines. The breast is at rest
-    without gravity. Ribs, lymph nodes and Montgomery's glands are not modelled.
+    2 mm. Fat lobules are the cells of a power diagram in coordinates that are bent and drawn
+    together at the nipple; their walls are septa, thinner than a voxel where they are: labels
+    stand for an eighth, a quarter, a half or all of a voxel, drawn so that the mean is right.
+    Gland is where the fields with strands towards the nipple exceed a threshold, pushed aside by
+    lobules; the threshold meets the class's share of gland, ducts and terminal units of all
+    within the skin but muscle. Surfaces of skin are dithered within a voxel, so that their
+    staircase draws no contour lines. The breast is at rest without gravity. Ribs, the abdominal
+    wall below the inframammary fold and Montgomery's glands are not modelled.
     """
     if laterality not in ("L", "R"):
         raise InputError(f"laterality: found '{laterality}', expected L or R")
@@ -128,76 +142,91 @@ GenerateSettings
 
 @dataclass(frozen=True, eq=False)
 class _Anatomy:
-    """What a seed decides before any voxel is made: outline, coarse fields, tubes, skin."""
+    """What a seed decides before any voxel is made: outline, coarse fields, tubes, nets, nipple."""
 
     outline: Outline
     frame: VoxelFrame
     kind: Parenchyma
     fields: NDArray[np.float32]
     tubes: Tubes
-    skin_mm: float
-    nipple_mm: tuple[float, float]
+    nets: tuple[Net, Net, Net]
+    nipple: Nipple
 
 
 def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastPhantom:
-    shape_rng, field_rng, lobule_rng, duct_rng, vessel_rng = _streams(seed)
-    anatomy = _anatomy(settings, shape_rng, field_rng, duct_rng, vessel_rng)
+    anatomy = _anatomy(settings, seed, laterality)
     lattice = _lattice(anatomy, settings.voxel_mm)
-    texture = _texture(anatomy, seed, lobule_rng)
+    texture, paint = _texture(anatomy, seed), _paint(anatomy)
     labels = np.zeros(
         (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size), np.uint8
     )
     tubes = anatomy.tubes
     paint_tubes(labels, lattice, tubes.ends_mm, tubes.radius_mm, tubes.label)
-    paint = _paint(anatomy)
     paint = paint._replace(
         threshold=_threshold(labels, lattice, texture, paint, settings.target_percent)
     )
-    _kernels.paint_tissue(labels, lattice, texture, paint)
+    _kernels.paint_tissue(_dealt(lattice.x_start.size - 1), labels, lattice, texture, paint)
     return _phantom(labels, lattice, anatomy, settings, seed, laterality)
 
 
-def expected_volume_ml(settings: GenerateSettings, seed: int) -> float:
+def expected_volume_ml(settings: GenerateSettings, seed: int, laterality: str = "L") -> float:
     """Volume of the breast without muscle that a seed will give, mL, without making it."""
-    return _volume_ml(settings, _streams(seed)[0])
+    return _volume_ml(settings, _woman(seed)[0], _breast(seed, laterality)[0])
 
 
-def _streams(seed: int) -> list[np.random.Generator]:
-    """Of shape, fields, lobules, ducts and vessels, so that none depends on another's draws."""
-    return np.random.default_rng(seed).spawn(5)
+def _woman(seed: int) -> list[np.random.Generator]:
+    """Streams of what both breasts of a woman share: of shape and of how gland lies."""
+    return np.random.default_rng(seed).spawn(2)
 
 
-def _volume_ml(settings: GenerateSettings, shape_rng: np.random.Generator) -> float:
-    drawn_ml = TYPICAL_ML * np.exp(VOLUME_SPREAD * shape_rng.standard_normal())
-    return settings.volume_ml or float(np.clip(drawn_ml, *VOLUMES_ML))
+def _breast(seed: int, laterality: str) -> list[np.random.Generator]:
+    """Streams of one breast's own: size, shape, fields, lobules, ducts and vessels."""
+    return np.random.default_rng([seed, "LR".index(laterality) + 1]).spawn(6)
 
 
-def _anatomy(
-    settings: GenerateSettings,
-    shape_rng: np.random.Generator,
-    field_rng: np.random.Generator,
-    duct_rng: np.random.Generator,
-    vessel_rng: np.random.Generator,
-) -> _Anatomy:
-    volume_ml = _volume_ml(settings, shape_rng)
-    skin = float(np.clip(shape_rng.normal(1.45, 0.18), 1.2, 2.0))
-    height, width = shape_rng.uniform(4.0, 9.0), shape_rng.uniform(8.0, 12.0)
-    nipple = (settings.nipple_height_mm or height, settings.nipple_diameter_mm or width)
-    shape = draw_shape(volume_ml, shape_rng)
-    axilla, muscle = draw_axilla(shape, shape_rng), draw_muscle(shape_rng)
+def _volume_ml(
+    settings: GenerateSettings, shared: np.random.Generator, own: np.random.Generator
+) -> float:
+    drawn = np.exp(VOLUME_SPREAD * shared.standard_normal())
+    sides = np.exp(SIDES_SPREAD * np.clip(own.standard_normal(), -2.0, 2.0))
+    return settings.volume_ml or float(np.clip(TYPICAL_ML * drawn * sides, *VOLUMES_ML))
+
+
+def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _Anatomy:
+    shared, how_gland_lies = _woman(seed)
+    size_rng, shape_rng, field_rng, lobule_rng, duct_rng, vessel_rng = _breast(seed, laterality)
+    volume_ml = _volume_ml(settings, shared, size_rng)
+    skin = float(np.clip(shared.normal(1.45, 0.18), 1.2, 2.0))
+    nipple = varied(draw_nipple(settings, shared), settings, shape_rng)
+    shape = like(draw_shape(settings.volume_ml or volume_ml, shared), shape_rng)
+    axilla, muscle = draw_axilla(shape, shared), draw_muscle(shared)
     outline = fit_volume(Outline(shape, axilla), muscle, volume_ml)
     frame = coarse_frame(outline)
     depth, muscled = skin_depth(outline, frame), muscle_depth(muscle, outline, frame)
-    kind = draw_parenchyma(settings.density_class, field_rng)
+    kind = draw_parenchyma(settings.density_class, how_gland_lies)
     room = gland_room(outline, kind, depth, muscled, frame, field_rng)
-    ends = np.array([outline.shape.depth_mm, outline.shape.depth_mm + nipple[0]])
+    ends = np.array([outline.shape.depth_mm, outline.shape.depth_mm + nipple.height_mm])
     trees = grow_ducts(room, frame, ends, kind.units_a_lobe, duct_rng)
     gland = gland_potential(room, trees, kind, frame, field_rng)
-    channels = [depth, muscled, gland, *warps(frame, field_rng), septum_mm(depth, frame, field_rng)]
+    bent, fibres = lobule_coordinates(outline, frame, lobule_rng), fibre_coordinates(outline, frame)
+    septum = septum_mm(depth, kind.septum_mm, frame, lobule_rng)
+    thickness = skin_mm(settings.skin_mm or skin, frame, field_rng)
+    channels = [depth, muscled, gland, septum, thickness, *bent, *fibres]
     fields = np.stack(np.broadcast_arrays(*channels), axis=-1).astype(np.float32)
+    lobule = LOBULE_MM * kind.lobule_size
+    nets = (
+        draw_net(bent, lobule, lobule_rng),
+        draw_net(bent, FINE_MM, lobule_rng),
+        draw_net(fibres, BUNDLE_MM, lobule_rng),
+    )
     vessels = grow_vessels(outline, depth, muscled, frame, vessel_rng)
     tubes = gather_tubes([*vessels, *trees.pieces])
-    return _Anatomy(outline, frame, kind, fields, tubes, settings.skin_mm or skin, nipple)
+    return _Anatomy(outline, frame, kind, fields, tubes, nets, nipple)
+
+
+def _dealt(layers: int) -> NDArray[np.int64]:
+    """Order in which layers are dealt out, so that each thread has some of all parts."""
+    return np.concatenate([np.arange(first, layers, 16) for first in range(16)])
 
 
 def _lattice(anatomy: _Anatomy, voxel_mm: float) -> _kernels.Lattice:
@@ -209,30 +238,32 @@ def _lattice(anatomy: _Anatomy, voxel_mm: float) -> _kernels.Lattice:
     inside = inside[at @ cut[:2] < cut[2] + GRID_MM]
     low = origin + (inside.min(axis=0) - 1) * GRID_MM
     high = origin + (inside.max(axis=0) + 1) * GRID_MM
-    front = anatomy.outline.shape.depth_mm + anatomy.nipple_mm[0] + 2.0 * voxel_mm
+    front = anatomy.outline.shape.depth_mm + max(anatomy.nipple.height_mm, 0.0) + 2.0 * voxel_mm
     count = np.ceil((np.array([front, *high[1:]]) + voxel_mm) / voxel_mm).astype(int)
     first = np.floor((low - voxel_mm) / voxel_mm).astype(int)
+    axes = [
+        (np.arange(start, end) + 0.5) * voxel_mm
+        for start, end in zip((0, first[1], first[2]), count, strict=True)
+    ]
+    starts = [
+        np.searchsorted(axis, origin[n] + GRID_MM * np.arange(anatomy.frame.shape[n]))
+        for n, axis in enumerate(axes)
+    ]
+    x, lateral, superior = axes
+    x_start, lateral_start, superior_start = starts
     return _kernels.Lattice(
-        (np.arange(count[0]) + 0.5) * voxel_mm,
-        (np.arange(first[1], count[1]) + 0.5) * voxel_mm,
-        (np.arange(first[2], count[2]) + 0.5) * voxel_mm,
-        origin,
-        GRID_MM,
+        x, lateral, superior, origin, GRID_MM, x_start, lateral_start, superior_start
     )
 
 
-def _texture(anatomy: _Anatomy, seed: int, rng: np.random.Generator) -> _kernels.Texture:
-    fields, kind, origin = anatomy.fields, anatomy.kind, anatomy.frame.origin_mm
-    extent = np.array(fields.shape[:3]) * GRID_MM
-    cells = np.ceil(extent / LOBULE_MM).astype(int) + 2
-    seeds = np.empty((*cells, 4), np.float32)
-    seeds[..., :3] = rng.uniform(0.12, 0.88, (*cells, 3))
-    seeds[..., 3] = rng.gamma(2.0, 0.9, tuple(cells))
+def _texture(anatomy: _Anatomy, seed: int) -> _kernels.Texture:
+    kind = anatomy.kind
     return _kernels.Texture(
-        fields, seeds, origin - LOBULE_MM, LOBULE_MM,
+        anatomy.fields, *anatomy.nets, FINE_SEPTUM,
         np.array([anatomy.outline.shape.depth_mm + 5.0, 0.0, 0.0]),
         kind.strands * np.array(FAN_SHARE), np.array(FAN_PER_RADIAN),
-        np.array(GRAIN_AMPLITUDE), np.array(GRAIN_MM), kind.lobules, seed & 0xFFFFFF,
+        np.array(GRAIN_AMPLITUDE), np.array(GRAIN_MM), NOISE_LIMIT, kind.lobule_mm, kind.lobules,
+        seed & 0xFFFFFF,
     )  # fmt: skip
 
 
@@ -243,11 +274,13 @@ def _cut(outline: Outline) -> NDArray[np.float64]:
 
 
 def _paint(anatomy: _Anatomy) -> _kernels.Paint:
-    height, diameter = anatomy.nipple_mm
-    names = ("adipose", "skin", "gland", "nipple", "muscle", "ligament")
+    names = (
+        "adipose", "skin", "gland", "nipple", "muscle", "ligament", "ligament_eighth",
+        "ligament_quarter", "ligament_half",
+    )  # fmt: skip
     return _kernels.Paint(
-        anatomy.skin_mm, np.array([anatomy.outline.shape.depth_mm, height, 0.5 * diameter]),
-        np.array(AREOLA_MM), _cut(anatomy.outline), COVER_MM, FIBRE_NOISE, 0.0,
+        anatomy.nipple.numbers(anatomy.outline.shape.depth_mm), np.array(AREOLA_MM),
+        _cut(anatomy.outline), COVER_MM, 0.0,
         np.array([TISSUES[name].label for name in names], np.uint8),
     )  # fmt: skip
 
@@ -260,21 +293,15 @@ def _threshold(
     percent: float,
 ) -> float:
     """Potential above which tissue is gland, so that the fibroglandular share is met."""
-    voxel = float(lattice.x_mm[1] - lattice.x_mm[0])
-    stride = max(1, round(SAMPLE_MM / voxel))
-    shape = tuple((side + stride - 1) // stride for side in labels.shape)
+    shape = (*(side - 1 for side in texture.fields.shape[:3]), 4)
     potential, state = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
-    _kernels.sample_potential(labels, lattice, texture, paint, stride, potential, state)
-    tissue = state != _kernels.NOT_COUNTED
-    wanted = percent / 100.0 * tissue.sum()
-    always = np.count_nonzero(state == _kernels.TUBE)
-    plain, walls = (
-        np.sort(potential[state == _kernels.FAT_OR_GLAND]),
-        np.count_nonzero(state == _kernels.WALL_OR_GLAND),
-    )
-    # Walls count whatever the threshold; of the rest, as many of the highest as are missing.
-    missing = int(np.clip(wanted - always - walls, 0, plain.size - 1))
-    return float(plain[plain.size - 1 - missing])
+    _kernels.sample_potential(_dealt(shape[0]), labels, lattice, texture, paint, potential, state)
+    wanted = percent / 100.0 * np.count_nonzero(state)
+    ducts = np.count_nonzero(state == _kernels.TUBE)
+    free = np.sort(potential[state == _kernels.UNDECIDED])
+    # Ducts and units count whatever the threshold; of the rest, as many of the highest as miss.
+    missing = int(np.clip(wanted - ducts, 0, free.size - 1))
+    return float(free[free.size - 1 - missing])
 
 
 def _phantom(

@@ -13,14 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.geometry import VoxelFrame
-from mammosim.phantom.anatomy.axilla import along_mm
+from mammosim.phantom.anatomy.axilla import CUT_DEG, along_mm
 from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, mesh, near_depth
 
 COVER_MM = 7.0
 """Least skin and fat over the muscle, mm."""
 
-FAT_IN_MUSCLE, FIBRE_NOISE = 0.08, 1.3
-"""Share of fat between the muscle's bundles, and the noise above which it lies. Chosen by eye."""
+FAT_IN_MUSCLE = 0.08
+"""Share of fat between the muscle's bundles."""
+
+BUNDLE_MM, BUNDLE_LENGTH = 8.0, 5.0
+"""Width of the muscle's bundles, mm, and their length against it. Chosen by eye."""
+
+INSERTION_MM = 130.0
+"""How far beyond the open end the bundles meet: the muscle's tendon at the upper arm, mm."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,10 @@ class Muscle:
         Power of the front edge: below 1 it is convex, above 1 concave.
     medial_mm, lateral_mm : float
         Slab's thickness at the medial and lateral border of the base, mm.
+    bow : float
+        Part of the wedge's thickness that is lost at the sides of the axilla.
+    waves : tuple of (amplitude, along, across, phase)
+        Unevenness of the front: mm, radians a mm along and across the way to the axilla, radians.
     """
 
     wedge: float
@@ -44,16 +54,29 @@ class Muscle:
     bulge: float
     medial_mm: float
     lateral_mm: float
+    bow: float
+    waves: tuple[tuple[float, float, float, float], ...]
 
 
 def draw_muscle(rng: np.random.Generator) -> Muscle:
     """A muscle; its wedge grows with the ridge that it runs in."""
+    waves = tuple(
+        (
+            float(rng.uniform(0.4, 1.3)),
+            float(rng.normal(0.0, 2.0 * np.pi / 60.0)),
+            float(rng.normal(0.0, 2.0 * np.pi / 45.0)),
+            float(rng.uniform(0.0, 2.0 * np.pi)),
+        )
+        for _ in range(4)
+    )
     return Muscle(
-        wedge=rng.uniform(0.62, 0.82),
-        start_mm=rng.uniform(-15.0, 12.0),
-        bulge=rng.uniform(0.75, 1.15),
+        wedge=rng.uniform(0.50, 0.72),
+        start_mm=rng.uniform(-55.0, -20.0),
+        bulge=rng.uniform(0.9, 1.25),
         medial_mm=rng.uniform(4.0, 6.0),
         lateral_mm=rng.uniform(0.5, 1.5),
+        bow=rng.uniform(0.15, 0.35),
+        waves=waves,
     )
 
 
@@ -63,9 +86,16 @@ def muscle_depth(muscle: Muscle, outline: Outline, frame: VoxelFrame) -> NDArray
     radius, end = outline.shape.radius_mm, outline.axilla.cut_mm
     rise = np.clip((along_mm(lateral, superior) - muscle.start_mm) / (end - muscle.start_mm), 0, 2)
     # Below the nipple there is no wedge; above, it comes in over 4 cm.
-    above = np.clip((superior + 15.0) / 40.0, 0.0, 1.0)
+    above = np.clip((superior + 14.0) / 50.0, 0.0, 1.0)
+    angle = np.deg2rad(CUT_DEG)
+    across = superior * np.cos(angle) - lateral * np.sin(angle) - outline.axilla.offset_mm
+    aside = np.clip(across / outline.axilla.half_width_mm, -1.5, 1.5)
     wedge = muscle.wedge * outline.axilla.height_mm * rise**muscle.bulge
-    wedge = wedge * above**2 * (3.0 - 2.0 * above)
+    wedge = wedge * (1.0 - muscle.bow * aside**2)
+    for amplitude, along, sideways, phase in muscle.waves:
+        turn = along * along_mm(lateral, superior) + sideways * across + phase
+        wedge = wedge + amplitude * np.clip(3.0 * rise, 0.0, 1.0) * np.cos(turn)
+    wedge = np.clip(wedge, 0.0, None) * above**2 * (3.0 - 2.0 * above)
     share = np.clip(0.5 - 0.5 * lateral / radius, 0.0, 1.0)
     slab = muscle.lateral_mm + (muscle.medial_mm - muscle.lateral_mm) * share
     front: NDArray[np.float64] = np.hypot(wedge, slab)
@@ -85,3 +115,15 @@ def fit_volume(outline: Outline, muscle: Muscle, volume_ml: float) -> Outline:
         found_ml = float((weight * tissue).sum()) * GRID_MM**3 / 1000.0
         outline = outline.scaled((volume_ml / found_ml) ** (1.0 / 3.0))
     return outline
+
+
+def fibre_coordinates(outline: Outline, frame: VoxelFrame) -> list[NDArray[np.float64]]:
+    """Coordinates along and across the muscle's bundles, which fan out from the arm, mm."""
+    x, lateral, superior = mesh(frame)
+    angle = np.deg2rad(CUT_DEG)
+    ahead = outline.axilla.cut_mm + INSERTION_MM - along_mm(lateral, superior)
+    across = superior * np.cos(angle) - lateral * np.sin(angle)
+    distance = np.hypot(np.maximum(ahead, 1.0), across)
+    fan = INSERTION_MM * np.arctan2(across, np.maximum(ahead, 1.0))
+    parts = np.broadcast_arrays(distance / BUNDLE_LENGTH, fan, 1.4 * x)
+    return [np.array(part) for part in parts]

@@ -20,7 +20,7 @@ FRONT_MM, SIDE_MM = 28.0, 14.0
 """Margins of that grid, mm: in front the highest nipple (12 mm) and three of the largest voxels
 (4 mm), at the sides three voxels, with one point to spare."""
 
-FILLET_MM = 16.0
+FILLET_MM = 40.0
 """Width of the hollow between breast and axillary fold over which one goes into the other, mm."""
 
 

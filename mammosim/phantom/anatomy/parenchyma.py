@@ -11,7 +11,8 @@ from scipy import ndimage
 
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy.ducts import DuctTrees, tree_distance
-from mammosim.phantom.anatomy.outline import GRID_MM, Outline, mesh
+from mammosim.phantom.anatomy.noise import smooth_noise
+from mammosim.phantom.anatomy.outline import Outline, mesh
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,14 @@ class Parenchyma:
     patchiness, strands, lobules : float
         Amplitude of noise of 12 and 25 mm, of noise that runs towards the nipple, and of fat
         lobules that push gland aside.
+    lobule_mm : float
+        Depth within a fat lobule over which it pushes gland aside fully, mm.
+    septum_mm : float
+        Mean thickness of the walls between fat lobules, mm.
     lean_deg : float
         How much wider the cone is towards the upper outer quadrant, degrees.
+    lobule_size : float
+        Size of fat lobules against the mean.
     """
 
     fat_mm: float
@@ -42,15 +49,18 @@ class Parenchyma:
     patchiness: float
     strands: float
     lobules: float
+    lobule_mm: float
+    septum_mm: float
     lean_deg: float = 9.0
+    lobule_size: float = 1.0
 
 
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
-        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 0.40, 0.50, 0.6),
-        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.38, 0.48, 0.7),
-        "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.33, 0.42, 0.8),
-        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.28, 0.36, 0.8),
+        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 0.55, 0.75, 2.4, 2.0, 0.16),
+        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.50, 0.60, 2.1, 2.2, 0.18),
+        "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.40, 0.50, 1.8, 2.3, 0.19),
+        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.28, 0.40, 1.5, 2.5, 0.20),
     }
 )
 """Chosen by eye on projections, so that each class looks like mammograms of its BI-RADS letter;
@@ -59,30 +69,27 @@ subcutaneous fat of 5 to 15 mm and a cone at the nipple follow anatomical drawin
 SLEEVE = 0.9
 """Amplitude of the preference of gland for the neighbourhood of ducts. Chosen."""
 
-WARP_MM, WARP_WAVELENGTH_MM = 3.5, 28.0
-"""Amplitude and wavelength of the bending of lobes and lobules, mm."""
-
 
 def draw_parenchyma(density: str, rng: np.random.Generator) -> Parenchyma:
     """That of a density class with the differences between women: a fifth or so, by choice."""
     kind = PARENCHYMA[density]
-    keys = ("fat_mm", "cone_deg", "sleeve_mm", "patchiness", "strands", "lobules", "units_a_lobe")
+    keys = (
+        "fat_mm",
+        "cone_deg",
+        "sleeve_mm",
+        "patchiness",
+        "strands",
+        "lobules",
+        "units_a_lobe",
+        "septum_mm",
+    )
     factors = np.exp(0.2 * rng.standard_normal(len(keys)).clip(-2.0, 2.0))
     changed = {
         key: float(getattr(kind, key) * factor) for key, factor in zip(keys, factors, strict=True)
     }
     changed["cone_deg"] = min(changed["cone_deg"], 80.0)
-    return replace(kind, **changed, lean_deg=float(rng.uniform(4.0, 16.0)))
-
-
-def smooth_noise(
-    rng: np.random.Generator, frame: VoxelFrame, wavelength_mm: float
-) -> NDArray[np.float64]:
-    """Noise of mean 0 and variance 1 without detail below a wavelength."""
-    noise = ndimage.gaussian_filter(
-        rng.standard_normal(frame.shape), wavelength_mm / (2.0 * np.pi) / GRID_MM, mode="wrap"
-    )
-    return (noise - noise.mean()) / noise.std()
+    size = float(np.exp(0.15 * np.clip(rng.standard_normal(), -2.0, 2.0)))
+    return replace(kind, **changed, lean_deg=float(rng.uniform(4.0, 16.0)), lobule_size=size)
 
 
 def gland_room(
@@ -105,15 +112,15 @@ def gland_room(
     back = np.clip(distance / (0.9 * shape.depth_mm), 0.0, 1.0)
     uneven = smooth_noise(rng, frame, 30.0)
     fat = 2.0 + (kind.fat_mm * np.clip(1.0 + 0.3 * uneven, 0.5, 1.7) - 2.0) * back**0.8
-    from_skin = (skin_depth_mm - fat) / 7.0
+    from_skin = (skin_depth_mm - fat) / 10.0
     behind = 5.0 + 2.5 * smooth_noise(rng, frame, 35.0)
-    from_muscle = (-muscle_depth_mm - behind) / 6.0
+    from_muscle = (-muscle_depth_mm - behind) / 7.0
     # The gland leans to the upper outer quadrant, where most of it is.
     lean = np.cos(np.arctan2(superior, lateral) - np.deg2rad(rng.normal(50.0, 15.0)))
     slant = np.rad2deg(np.arctan2(across, ahead))
-    in_cone = (kind.cone_deg + kind.lean_deg * lean - slant) / 16.0
-    limits = np.stack(np.broadcast_arrays(from_skin, from_muscle, in_cone, np.full_like(back, 1.2)))
-    sharp = 3.0
+    in_cone = (kind.cone_deg + kind.lean_deg * lean - slant) / 18.0
+    limits = np.stack(np.broadcast_arrays(from_skin, from_muscle, in_cone, np.full_like(back, 2.2)))
+    sharp = 2.5
     least = -np.log(np.exp(-sharp * limits.clip(-6.0, 6.0)).sum(axis=0)) / sharp
     return np.clip(least, -3.0, None)
 
@@ -135,21 +142,3 @@ def gland_potential(
     lobes = ndimage.gaussian_filter(strength[lobe], 1.5)
     patches = 0.7 * smooth_noise(rng, frame, 25.0) + 0.7 * smooth_noise(rng, frame, 13.0)
     return room + sleeve + lobes + kind.patchiness * patches
-
-
-def warps(frame: VoxelFrame, rng: np.random.Generator) -> list[NDArray[np.float64]]:
-    """Three displacements by which structures are bent, mm."""
-    return [WARP_MM * smooth_noise(rng, frame, WARP_WAVELENGTH_MM) for _ in range(3)]
-
-
-def septum_mm(
-    skin_depth_mm: NDArray[np.float64], frame: VoxelFrame, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """Thickness of the fibrous walls between fat lobules, mm: 0 over most of them.
-
-    Cooper's ligaments are sheets of some tenths of a millimetre that are complete near the skin,
-    where they hang up the gland, and broken elsewhere.
-    """
-    gate = smooth_noise(rng, frame, 16.0) - 0.9 + 0.6 * np.exp(-skin_depth_mm.clip(0) / 10.0)
-    thickness: NDArray[np.float64] = np.clip(0.7 * gate, 0.0, 0.7)
-    return thickness

@@ -16,6 +16,9 @@ Points = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 TYPICAL_ML = 620.0
 """Volume about which proportions are drawn, mL."""
 
+SIDES_SPREAD = 0.025
+"""Spread of the logarithm of each breast's half-axes about those that a woman's have in common."""
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -83,18 +86,36 @@ def draw_shape(volume_ml: float, rng: np.random.Generator) -> Shape:
     ptosis = float(np.clip(0.45 + 0.18 * larger + 0.28 * rng.standard_normal(), 0.0, 1.2))
     ripple = 0.02 * rng.standard_normal(4).clip(-2.0, 2.0)
     return Shape(
-        depth_mm=radius * float(np.clip(rng.normal(1.36 + 0.09 * larger, 0.14), 1.0, 1.85)),
+        depth_mm=radius * float(np.clip(rng.normal(1.08 + 0.08 * larger, 0.11), 0.84, 1.45)),
         radius_mm=radius,
         lateral=rng.uniform(1.00, 1.20),
         medial=rng.uniform(0.88, 1.02),
         upper=rng.uniform(0.86, 1.06),
         lower=rng.uniform(0.82, 0.98),
         base_lateral_mm=radius * rng.uniform(-0.10, 0.05),
-        base_superior_mm=radius * (0.01 + 0.09 * ptosis),
-        sag_mm=radius * 0.08 * ptosis * rng.uniform(0.5, 1.5),
+        base_superior_mm=radius * (0.04 + 0.13 * ptosis),
+        sag_mm=radius * 0.10 * ptosis * rng.uniform(0.5, 1.5),
         fullness=rng.uniform(0.02, 0.22),
         slope=float(np.clip(0.3 + 0.5 * ptosis + 0.2 * rng.standard_normal(), 0.1, 1.1)),
         boxiness=rng.uniform(1.75, 2.1),
+        ripple=(float(ripple[0]), float(ripple[1]), float(ripple[2]), float(ripple[3])),
+    )
+
+
+def like(shape: Shape, rng: np.random.Generator) -> Shape:
+    """A shape about another: that of one breast about what both of a woman have in common."""
+    lengths = ("depth_mm", "lateral", "medial", "upper", "lower")
+    factors = np.exp(SIDES_SPREAD * rng.standard_normal(len(lengths)).clip(-2.0, 2.0))
+    changed = {
+        name: float(getattr(shape, name) * factor)
+        for name, factor in zip(lengths, factors, strict=True)
+    }
+    ripple = np.array(shape.ripple) + 0.008 * rng.standard_normal(4).clip(-2.0, 2.0)
+    return replace(
+        shape,
+        **changed,
+        base_lateral_mm=shape.base_lateral_mm + 0.02 * shape.radius_mm * float(rng.uniform(-1, 1)),
+        sag_mm=shape.sag_mm * float(rng.uniform(0.8, 1.2)),
         ripple=(float(ripple[0]), float(ripple[1]), float(ripple[2]), float(ripple[3])),
     )
 

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from mammosim.geometry import VoxelFrame
 
-STEP_MM = 4.0
+STEP_MM = 2.5
 """Length of one straight piece of a duct or vessel, mm."""
 
 Piece = tuple[NDArray[np.float64], NDArray[np.float64], float, float, int]

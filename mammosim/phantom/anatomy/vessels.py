@@ -1,4 +1,4 @@
-"""Arteries and veins under the skin: winding trunks from the breast's border that branch."""
+"""Arteries and veins under the skin: long trunks from the breast's border that taper and branch."""
 
 from __future__ import annotations
 
@@ -12,16 +12,33 @@ from mammosim.phantom.anatomy.outline import Outline
 from mammosim.phantom.anatomy.tubes import STEP_MM, Piece, turned, value_at
 from mammosim.tissues import TISSUES
 
-VESSELS = (("artery", 5, 0.8), ("vein", 6, 1.3))
-"""Tissue, number of trunks and their radius (mm): what is large enough to be seen on a
-mammogram. Most blood comes from the lateral thoracic artery in the upper outer quadrant and from
-branches of the internal thoracic artery at the medial border."""
+TRUNKS = (4, 8)
+"""Fewest and most trunks that are large enough to be seen on a mammogram. Chosen."""
 
-ORIGINS_DEG = (55.0, 30.0, 170.0, 195.0, 80.0, 150.0)
-"""Where trunks enter, from lateral to superior: from the axilla and from the sternum, in turn."""
+ORIGINS_DEG = ((58.0, 22.0, 0.68), (175.0, 25.0, 0.32))
+"""Where trunks enter, from lateral to superior: middle, spread and share. Most blood comes from the
+lateral thoracic vessels in the upper outer quadrant and from branches of the internal thoracic
+ones at the medial border."""
 
-THINNEST_MM = 0.3
+RADIUS_MM = {"vein": (0.6, 1.35), "artery": (0.4, 0.8)}
+"""Range of a trunk's radius where it enters, mm: veins of mammograms are 1 to 3 mm wide. Chosen."""
+
+PAIRED_SHARE, APART_MM = 0.55, (2.2, 5.0)
+"""Share of veins with an artery beside them, and distance of the two, mm. Chosen."""
+
+THINNEST_MM = 0.28
 """Radius at which a vessel ends, mm; a choice: thinner ones do not show."""
+
+LENGTH_MM = (70.0, 150.0)
+"""Way along which a trunk tapers to `THINNEST_MM`, mm. Chosen."""
+
+STRAIGHTNESS, WINDING = 0.86, 0.030
+"""How much of its curvature a vessel keeps over a step, and what is added to it, radians a step:
+vessels wind smoothly."""
+
+
+Path = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Places along a vessel, (n, 3) mm, and its radius at each, mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +55,6 @@ class Course:
         Where it goes, behind the areola.
     depth_mm : float
         How deep below the skin it runs.
-    label : int
     """
 
     skin_depth_mm: NDArray[np.float64]
@@ -46,7 +62,6 @@ class Course:
     frame: VoxelFrame
     target_mm: NDArray[np.float64]
     depth_mm: float
-    label: int
 
 
 def grow_vessels(
@@ -68,14 +83,17 @@ def grow_vessels(
     """
     inward = np.array(np.gradient(skin_depth_mm, *frame.spacing_mm))
     pieces: list[Piece] = []
-    for tissue, number, radius in VESSELS:
-        label = TISSUES[tissue].label
-        for turn in range(number):
-            angle = np.deg2rad(ORIGINS_DEG[turn % len(ORIGINS_DEG)] + rng.normal(0.0, 14.0))
-            course = _course(outline, skin_depth_mm, inward, frame, label, rng)
-            start = _entry(outline, skin_depth_mm, muscle_depth_mm, frame, angle)
-            wide = radius * rng.uniform(0.65, 1.15)
-            pieces += _vessel(course, start, wide, rng)
+    for _ in range(int(rng.integers(TRUNKS[0], TRUNKS[1] + 1))):
+        middle, spread, _ = ORIGINS_DEG[0 if rng.random() < ORIGINS_DEG[0][2] else 1]
+        angle = np.deg2rad(rng.normal(middle, spread))
+        tissue = "vein" if rng.random() < 0.7 else "artery"
+        course = _course(outline, skin_depth_mm, inward, frame, rng)
+        start = _entry(outline, skin_depth_mm, muscle_depth_mm, frame, angle)
+        paths = _grow(course, start, rng.uniform(*RADIUS_MM[tissue]), rng)
+        pieces += _pieces(paths, TISSUES[tissue].label)
+        if tissue == "vein" and rng.random() < PAIRED_SHARE:
+            beside = _beside(paths[0], course, rng.uniform(*RADIUS_MM["artery"]), rng)
+            pieces += _pieces([beside], TISSUES["artery"].label)
     return pieces
 
 
@@ -102,54 +120,85 @@ def _course(
     skin_depth_mm: NDArray[np.float64],
     inward: NDArray[np.float64],
     frame: VoxelFrame,
-    label: int,
     rng: np.random.Generator,
 ) -> Course:
-    around = 14.0 * rng.standard_normal(3)
-    target = np.array([outline.shape.depth_mm - 14.0, 0.0, 0.0]) + around
-    return Course(skin_depth_mm, inward, frame, target, rng.uniform(4.5, 13.0), label)
+    aside = rng.normal(0.0, 0.25 * outline.shape.radius_mm, 2)
+    ahead = outline.shape.depth_mm * rng.uniform(0.55, 0.9)
+    target = np.array([ahead, aside[0], aside[1] - 0.1 * outline.shape.radius_mm])
+    return Course(skin_depth_mm, inward, frame, target, rng.uniform(4.0, 12.0))
 
 
-def _vessel(
+def _grow(
     course: Course, start: NDArray[np.float64], radius_mm: float, rng: np.random.Generator
-) -> list[Piece]:
+) -> list[Path]:
     """A trunk and its branches, each thinner than what it leaves (Murray 1926: cubes add up)."""
-    pieces: list[Piece] = []
+    paths: list[Path] = []
     heading = course.target_mm - start
-    open_ends = [(start, heading / np.linalg.norm(heading), radius_mm, 0)]
-    while open_ends:
-        point, direction, radius, order = open_ends.pop()
-        for _ in range(60):
-            remaining = float(np.linalg.norm(course.target_mm - point))
-            if radius < THINNEST_MM or remaining < 8.0:
+    waiting = [(start, heading / np.linalg.norm(heading), radius_mm, 0)]
+    while waiting:
+        point, direction, radius, order = waiting.pop()
+        taper = (radius - THINNEST_MM) * STEP_MM / rng.uniform(*LENGTH_MM) * (1.0 + 0.5 * order)
+        places, radii, curve = [point], [radius], np.zeros(3)
+        while radius > THINNEST_MM and taper > 0.0:
+            curve = STRAIGHTNESS * curve + WINDING * rng.standard_normal(3)
+            direction = _steered(course, point, direction, curve, order)
+            point = point + STEP_MM * direction
+            if value_at(course.skin_depth_mm, course.frame, point) < 2.6:
                 break
-            direction = _steered(course, point, direction, order, rng)
-            end = point + STEP_MM * direction
-            if value_at(course.skin_depth_mm, course.frame, end) < 2.5:
-                break
-            pieces.append((point, end, radius, 0.98 * radius, course.label))
-            point, radius = end, 0.98 * radius
-            if order < 2 and rng.random() < 0.09:
-                part = rng.uniform(0.25, 0.45)
-                side = turned(direction, 0.5, rng)
-                open_ends.append((point, side, radius * part ** (1 / 3), order + 1))
+            if order < 2 and rng.random() < 0.035:
+                part = rng.uniform(0.2, 0.45)
+                side = turned(direction, 0.45, rng)
+                waiting.append((point, side, radius * part ** (1 / 3), order + 1))
                 radius *= (1.0 - part) ** (1 / 3)
-    return pieces
+            radius -= taper
+            places.append(point)
+            radii.append(max(radius, THINNEST_MM))
+        paths.append((np.array(places), np.array(radii)))
+    return paths
 
 
 def _steered(
     course: Course,
     point: NDArray[np.float64],
     direction: NDArray[np.float64],
+    curve: NDArray[np.float64],
     order: int,
-    rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """The next direction: on as before, towards the nipple, at a steady depth, and winding."""
+    """The next direction: on as before, towards the target, at a steady depth, and winding."""
     to_target = course.target_mm - point
-    to_target /= np.linalg.norm(to_target)
+    to_target /= max(float(np.linalg.norm(to_target)), 1.0)
     inward = np.array([value_at(part, course.frame, point) for part in course.inward])
     missing = course.depth_mm - value_at(course.skin_depth_mm, course.frame, point)
-    pull = 0.3 if order == 0 else 0.08  # branches spread, trunks reach the areola
-    wanted = (1.0 - pull) * direction + pull * to_target
-    wanted = wanted + 0.6 * float(np.clip(missing / 6.0, -1.0, 1.0)) * inward
-    return turned(wanted / np.linalg.norm(wanted), 0.17, rng)
+    pull = 0.05 if order == 0 else 0.015  # branches spread, trunks go to the target
+    wanted = direction + pull * to_target + curve
+    # Under the skin a vessel follows it: what of its way leads in or out is damped.
+    wanted = wanted - 0.25 * (wanted @ inward) * inward
+    wanted = wanted + 0.12 * float(np.clip(missing / 6.0, -1.0, 1.0)) * inward
+    unit: NDArray[np.float64] = wanted / np.linalg.norm(wanted)
+    return unit
+
+
+def _beside(path: Path, course: Course, radius_mm: float, rng: np.random.Generator) -> Path:
+    """A path that runs beside another at a distance that changes slowly, under the same skin."""
+    places, radii = path
+    if len(places) < 3:
+        return places, np.minimum(radii, radius_mm)
+    along = np.gradient(places, axis=0)
+    inward = np.array(
+        [[value_at(part, course.frame, place) for part in course.inward] for place in places]
+    )
+    side = np.cross(along, inward)
+    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-6)
+    turn = np.linspace(0.0, 1.0, len(places))[:, None]
+    apart = rng.uniform(*APART_MM) * (1.0 + 0.45 * np.sin(rng.uniform(4.0, 9.0) * turn + 1.0))
+    sign = 1.0 if rng.random() < 0.5 else -1.0
+    thinner = np.maximum(radii * min(radius_mm / float(radii[0]), 0.8), THINNEST_MM)
+    return places + sign * apart * side, thinner
+
+
+def _pieces(paths: list[Path], label: int) -> list[Piece]:
+    return [
+        (places[n], places[n + 1], float(radii[n]), float(radii[n + 1]), label)
+        for places, radii in paths
+        for n in range(len(places) - 1)
+    ]

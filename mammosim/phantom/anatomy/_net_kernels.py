@@ -1,0 +1,190 @@
+"""Nets of walls: cells of a power diagram in bent coordinates, block by block.
+
+A net is a power diagram (Aurenhammer 1987, SIAM J Comput 16:78-96) of jittered points: a Voronoi
+diagram whose cells are of unequal size because each point has a weight. Within a block only the
+few cells that come near it matter, so that they are gathered once a block.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim._jit import kernel, merged_kernel
+
+MAX_NEAR = 56
+"""Most cells kept for one block; the nearest ones are met first often enough that the rest would
+lie beyond its reach."""
+
+X, Y, Z, WEIGHT, FATNESS, TAG = 0, 1, 2, 3, 4, 5
+"""Columns of `Net.seeds`: place in the lattice cell, weight (in cells squared; below `ABSENT` there
+is no cell), how strongly a fat lobule pushes gland aside, and a number by which walls differ."""
+
+ABSENT = -5.0
+
+MAX_APART = 1.2
+"""Distance, in lattice cells, by which the point of the cell at a place may lie off that of the
+cell at the block's centre."""
+
+
+class Net(NamedTuple):
+    """Points of a net, one a lattice cell: `seeds` is (nx, ny, nz, 6), lengths in lattice cells."""
+
+    seeds: NDArray[np.float32]
+    origin_mm: NDArray[np.float64]
+    cell_mm: float
+
+
+class Near(NamedTuple):
+    """Cells of a net near a block: place and constant of each, fatness, and pairs of them.
+
+    `place` is (n, 4): x, y, z and |x|^2 - weight, so that q = place[3] - 2 x . place is smallest
+    for the cell that holds x. `pair` is (n, n, 2): by what a difference of q must be multiplied to
+    be a distance from their wall in mm, and the wall's thickness against the mean.
+    """
+
+    place: NDArray[np.float64]
+    fatness: NDArray[np.float64]
+    tag: NDArray[np.float64]
+    pair: NDArray[np.float64]
+
+
+@kernel
+def new_near() -> Near:
+    """Room for the cells near a block."""
+    return Near(
+        np.empty((MAX_NEAR, 4)), np.empty(MAX_NEAR), np.empty(MAX_NEAR),
+        np.empty((MAX_NEAR, MAX_NEAR, 2)),
+    )  # fmt: skip
+
+
+@kernel
+def gather(
+    net: Net, centre_mm: NDArray[np.float64], radius_mm: float, reach_mm: float,
+    slope: NDArray[np.float64], near: Near,
+) -> int:  # fmt: skip
+    """Cells whose walls come within a reach of any place within a radius of a centre.
+
+    All in net coordinates, mm. The wall of a cell with that of the centre comes near such a place
+    by no less than its distance from the centre less the radius; with any other cell there, whose
+    own distance counts, `MAX_APART` bounds what is lost. `slope` is (3, 3): how net coordinates
+    change with the real ones. Returns how many there are; the first holds the centre.
+    """
+    c = net.cell_mm
+    x = (centre_mm[0] - net.origin_mm[0]) / c
+    y = (centre_mm[1] - net.origin_mm[1]) / c
+    z = (centre_mm[2] - net.origin_mm[2]) / c
+    i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
+    seeds = net.seeds
+    best, bx, by, bz, bq = np.inf, 0.0, 0.0, 0.0, 0.0
+    i0, i1 = max(i - 2, 0), min(i + 3, seeds.shape[0])
+    j0, j1 = max(j - 2, 0), min(j + 3, seeds.shape[1])
+    k0, k1 = max(k - 2, 0), min(k + 3, seeds.shape[2])
+    for a in range(i0, i1):
+        for b in range(j0, j1):
+            for d in range(k0, k1):
+                if seeds[a, b, d, WEIGHT] < ABSENT:
+                    continue
+                px, py, pz = (
+                    a + seeds[a, b, d, X] - x,
+                    b + seeds[a, b, d, Y] - y,
+                    d + seeds[a, b, d, Z] - z,
+                )
+                q = px * px + py * py + pz * pz - seeds[a, b, d, WEIGHT]
+                if q < best:
+                    best, bx, by, bz, bq = q, px, py, pz, seeds[a, b, d, TAG]
+                    near.fatness[0] = seeds[a, b, d, FATNESS]
+    if best == np.inf:
+        return 0
+    near.place[0, 0], near.place[0, 1], near.place[0, 2] = x + bx, y + by, z + bz
+    near.place[0, 3] = (
+        (x + bx) ** 2 + (y + by) ** 2 + (z + bz) ** 2 - (bx * bx + by * by + bz * bz - best)
+    )
+    near.tag[0] = bq
+    n, radius, reach = 1, radius_mm / c, reach_mm / c
+    for a in range(i0, i1):
+        for b in range(j0, j1):
+            for d in range(k0, k1):
+                if seeds[a, b, d, WEIGHT] < ABSENT or n == MAX_NEAR:
+                    continue
+                px, py, pz = (
+                    a + seeds[a, b, d, X] - x,
+                    b + seeds[a, b, d, Y] - y,
+                    d + seeds[a, b, d, Z] - z,
+                )
+                apart = np.sqrt((px - bx) ** 2 + (py - by) ** 2 + (pz - bz) ** 2)
+                gap = px * px + py * py + pz * pz - seeds[a, b, d, WEIGHT] - best
+                if apart == 0.0 or gap > 2.0 * (apart * radius + (apart + MAX_APART) * reach):
+                    continue
+                near.place[n, 0], near.place[n, 1], near.place[n, 2] = x + px, y + py, z + pz
+                near.place[n, 3] = (
+                    (x + px) ** 2 + (y + py) ** 2 + (z + pz) ** 2 - seeds[a, b, d, WEIGHT]
+                )
+                near.fatness[n], near.tag[n] = seeds[a, b, d, FATNESS], seeds[a, b, d, TAG]
+                n += 1
+    _pairs(near, n, c, slope)
+    return n
+
+
+@kernel
+def _pairs(near: Near, n: int, cell_mm: float, slope: NDArray[np.float64]) -> None:
+    """Scale of distance and thickness of the wall between each two of the gathered cells."""
+    for a in range(n):
+        for b in range(a):
+            dx = near.place[b, 0] - near.place[a, 0]
+            dy = near.place[b, 1] - near.place[a, 1]
+            dz = near.place[b, 2] - near.place[a, 2]
+            gx = slope[0, 0] * dx + slope[1, 0] * dy + slope[2, 0] * dz
+            gy = slope[0, 1] * dx + slope[1, 1] * dy + slope[2, 1] * dz
+            gz = slope[0, 2] * dx + slope[1, 2] * dy + slope[2, 2] * dz
+            # The difference of q changes by twice this a real mm, once in cells.
+            steep = np.sqrt(gx * gx + gy * gy + gz * gz)
+            near.pair[a, b, 0] = near.pair[b, a, 0] = 0.5 * cell_mm / max(steep, 1e-9)
+            odd = near.tag[a] + near.tag[b]
+            odd -= np.floor(odd)
+            near.pair[a, b, 1] = near.pair[b, a, 1] = 0.15 + 3.4 * odd * odd * odd
+
+
+@merged_kernel
+def wall_distance(
+    place: NDArray[np.float64], pair: NDArray[np.float64], n: int, x: float, y: float, z: float
+) -> tuple[float, int]:
+    """Distance to the nearest wall of a net, mm, and which of the cells holds a point.
+
+    x, y, z are net coordinates in lattice cells.
+    """
+    inside, least = 0, np.inf
+    for a in range(n):
+        q = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
+        if q < least:
+            inside, least = a, q
+    gap = np.inf
+    for b in range(n):
+        if b != inside:
+            q = place[b, 3] - 2.0 * (place[b, 0] * x + place[b, 1] * y + place[b, 2] * z)
+            gap = min(gap, (q - least) * pair[inside, b, 0])
+    return gap, inside
+
+
+@merged_kernel
+def wall_fill(
+    place: NDArray[np.float64], pair: NDArray[np.float64], n: int, x: float, y: float, z: float,
+    thick_mm: float, voxel_mm: float,
+) -> float:  # fmt: skip
+    """Part of a voxel that walls of a mean thickness fill: the overlap of slab and voxel."""
+    inside, least = 0, np.inf
+    for a in range(n):
+        q = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
+        if q < least:
+            inside, least = a, q
+    fill, wide = 0.0, 0.5 * voxel_mm
+    for b in range(n):
+        if b != inside:
+            half = 0.5 * thick_mm * pair[inside, b, 1]
+            q = place[b, 3] - 2.0 * (place[b, 0] * x + place[b, 1] * y + place[b, 2] * z)
+            gap = (q - least) * pair[inside, b, 0]
+            if gap < half + wide:
+                fill = max(fill, (min(gap + wide, half) - max(gap - wide, -half)) / voxel_mm)
+    return fill

@@ -1,0 +1,84 @@
+"""The nipple: a blunt cone of many shapes, sometimes flat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.phantom.anatomy.settings import GenerateSettings
+
+FLAT_SHARE = 0.12
+"""Share of breasts whose nipple is flat or drawn in: about a tenth of women (Alexander, Grant &
+Campbell 1992, BMJ 304:1030-1032)."""
+
+
+@dataclass(frozen=True)
+class Nipple:
+    """Lengths in mm.
+
+    Parameters
+    ----------
+    height_mm : float
+        How far it stands out of the areola.
+    radius_mm : float
+        Half its width at the foot.
+    taper : float
+        Part of the radius that is lost at the tip.
+    tilt : tuple of float
+        How far it leans, lateral and superior, a mm of height.
+    dome : float
+        Exponent of the rounding at the tip: 2 is a dome, larger is flatter.
+    lumps_mm : float
+        Amplitude of its unevenness.
+    place : float
+        Where in the noise it is.
+    """
+
+    height_mm: float
+    radius_mm: float
+    taper: float
+    tilt: tuple[float, float]
+    dome: float
+    lumps_mm: float
+    place: float
+
+    def numbers(self, foot_mm: float) -> NDArray[np.float64]:
+        """As the kernels want it; `foot_mm` is where it stands on the x axis."""
+        return np.array(
+            [
+                foot_mm, self.height_mm, self.radius_mm, self.taper, *self.tilt, self.dome,
+                self.lumps_mm, self.place,
+            ]
+        )  # fmt: skip
+
+
+def draw_nipple(settings: GenerateSettings, rng: np.random.Generator) -> Nipple:
+    """A nipple; height and diameter are as settings say, or drawn."""
+    flat = rng.random() < FLAT_SHARE
+    height = rng.uniform(0.5, 2.0) if flat else float(np.clip(rng.gamma(5.0, 0.8), 1.5, 10.0))
+    diameter = float(np.clip(rng.normal(10.5, 1.8), 7.0, 15.0))
+    tilt = rng.normal(0.0, 0.22, 2).clip(-0.5, 0.5)
+    return Nipple(
+        settings.nipple_height_mm or height,
+        0.5 * (settings.nipple_diameter_mm or diameter),
+        rng.uniform(0.05, 0.4),
+        (float(tilt[0]), float(tilt[1])),
+        rng.uniform(2.0, 5.0),
+        rng.uniform(0.3, 0.7),
+        rng.uniform(0.0, 100.0),
+    )
+
+
+def varied(nipple: Nipple, settings: GenerateSettings, rng: np.random.Generator) -> Nipple:
+    """The nipple of one breast about what both have in common; set lengths stay."""
+    tall, wide = np.exp(0.1 * rng.standard_normal(2).clip(-2.0, 2.0))
+    lean = 0.06 * rng.standard_normal(2)
+    return replace(
+        nipple,
+        height_mm=settings.nipple_height_mm or nipple.height_mm * float(tall),
+        radius_mm=nipple.radius_mm * (1.0 if settings.nipple_diameter_mm else float(wide)),
+        tilt=(nipple.tilt[0] + float(lean[0]), nipple.tilt[1] + float(lean[1])),
+        place=nipple.place + rng.uniform(0.0, 100.0),
+    )
