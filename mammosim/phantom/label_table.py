@@ -103,6 +103,8 @@ def table_values(table: LabelTable, files: tuple[str, ...]) -> dict[str, Any]:
     labels = []
     for value, tissue in sorted(table.tissue_of_value.items()):
         entry: dict[str, Any] = {"value": value, "tissue": tissue}
+        if TISSUES[tissue].mixture:
+            entry["fractions"] = dict(TISSUES[tissue].mixture)
         lesion = table.lesions.get(value)
         if lesion is not None:
             number = 1 + sorted(table.lesions).index(value)
