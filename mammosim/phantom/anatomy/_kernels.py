@@ -247,12 +247,16 @@ def _net_frame(block: Block, channel: int, coarse_mm: float) -> float:
 
 @kernel
 def _stretch(slope: NDArray[np.float64]) -> float:
-    """The largest change of net coordinates a real mm along an axis, with a tenth to spare."""
+    """A bound of the largest change of net coordinates a real mm (Gershgorin, of slope^T slope)."""
     most = 0.0
-    for direction in range(3):
-        squared = slope[0, direction] ** 2 + slope[1, direction] ** 2 + slope[2, direction] ** 2
-        most = max(most, squared)
-    return 1.1 * np.sqrt(most)
+    for a in range(3):
+        row = 0.0
+        for b in range(3):
+            row += abs(
+                slope[0, a] * slope[0, b] + slope[1, a] * slope[1, b] + slope[2, a] * slope[2, b]
+            )
+        most = max(most, row)
+    return np.sqrt(most)
 
 
 @merged_kernel

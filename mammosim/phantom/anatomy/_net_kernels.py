@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mammosim._jit import kernel, merged_kernel
 
-MAX_NEAR = 56
+MAX_NEAR = 72
 """Most cells kept for one block; the nearest ones are met first often enough that the rest would
 lie beyond its reach."""
 
@@ -24,7 +24,7 @@ is no cell), how strongly a fat lobule pushes gland aside, and a number by which
 
 ABSENT = -5.0
 
-MAX_APART = 1.2
+MAX_APART = 2.2
 """Distance, in lattice cells, by which the point of the cell at a place may lie off that of the
 cell at the block's centre."""
 

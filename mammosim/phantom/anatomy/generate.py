@@ -68,7 +68,7 @@ mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 1999, Proc SPIE 
 NOISE_LIMIT = 1.5
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
-FINE_SEPTUM = 0.4
+FINE_SEPTUM = 0.5
 """Thickness of the septa within lobules against those between them. Chosen by eye."""
 
 AREOLA_MM = (0.5, 14.0)

@@ -10,7 +10,7 @@ from mammosim.phantom.anatomy._net_kernels import ABSENT, Net
 from mammosim.phantom.anatomy.noise import smooth_noise
 from mammosim.phantom.anatomy.outline import Outline, mesh
 
-LOBULE_MM = 9.4
+LOBULE_MM = 9.0
 """Side of the lattice cells of fat lobules `REFERENCE_MM` from the nipple, mm. With a tenth of
 the cells missing a compartment has a mean volume of 0.7 cm3 there; measured in histology are
 0.94 cm3 under the skin, 0.89 cm3 behind the gland and 0.31 cm3 within it (Bakic et al. 2002,

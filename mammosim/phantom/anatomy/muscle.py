@@ -62,7 +62,7 @@ def draw_muscle(rng: np.random.Generator) -> Muscle:
     """A muscle; its wedge grows with the ridge that it runs in."""
     waves = tuple(
         (
-            float(rng.uniform(0.4, 1.3)),
+            float(rng.uniform(0.3, 0.8)),
             float(rng.normal(0.0, 2.0 * np.pi / 60.0)),
             float(rng.normal(0.0, 2.0 * np.pi / 45.0)),
             float(rng.uniform(0.0, 2.0 * np.pi)),
