@@ -45,8 +45,10 @@ def test_gland_is_brighter_than_fat(study):
     for _, paths, image in views.values():
         gland = paths.length_mm[paths.tissues.index("gland")]
         muscle = paths.length_mm[paths.tissues.index("muscle")]
-        inside = (paths.length_mm.sum(axis=0) > 45.0) & (muscle == 0.0)
-        dense, fatty = inside & (gland > 15.0), inside & (gland < 2.0)
+        inside = (paths.length_mm.sum(axis=0) > 0.9 * paths.thickness_mm) & (muscle == 0.0)
+        dense = inside & (gland > np.quantile(gland[inside], 0.95))
+        fatty = inside & (gland <= np.quantile(gland[inside], 0.1))
+        assert gland[dense].mean() > gland[fatty].mean() + 8.0
         grey = image.for_presentation
         assert grey[dense].mean() > grey[fatty].mean() + 400
 
