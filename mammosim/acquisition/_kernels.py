@@ -262,6 +262,9 @@ def present_kernel(
                 attenuation[row, column] / _interpolated(edge, y, x), curve.edge_start
             )
             level = attenuation[row, column] + part * _interpolated(missing, y, x)
+            if level < curve.fat - 2.0 * curve.contrast:  # air: less than half of a grey level
+                out_pixels[row, column] = 0
+                continue
             smooth = _interpolated(base, y, x)
             straight = curve.fat_grey + slope * (smooth - curve.fat)
             shown = _bent(straight, curve.toe, curve.shoulder, curve.white)
