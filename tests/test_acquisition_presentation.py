@@ -181,7 +181,7 @@ def test_a_thin_spot_is_dark_but_not_lost():
         changed[420:450, 20:50] -= missing
         shown.append(int(present(changed, PIXEL_MM).pixels[435, 35]))
     assert shown[0] > shown[1] > shown[2] > 0
-    assert shown[0] < 0.12 * MAXIMUM
+    assert shown[0] < 0.14 * MAXIMUM  # fat's grey
 
 
 def test_right_and_left_are_treated_alike():
@@ -260,9 +260,9 @@ def test_known_fat_keeps_the_margin_of_a_dense_breast_dark():
     attenuation, depth = with_skin(gland=0.6)
     fat = float(with_skin()[0][350, 5])
     alone, told = (present(attenuation, PIXEL_MM, level).pixels for level in (None, fat))
-    gland = at_depth(told, depth, 25.0, 40.0)
-    assert at_depth(told, depth, 5.0, 9.0) < 0.5 * gland
-    assert at_depth(told, depth, 5.0, 9.0) < at_depth(alone, depth, 5.0, 9.0)
+    margin, gland = ([at_depth(p, depth, *mm) for p in (alone, told)] for mm in ((5, 9), (25, 40)))
+    assert margin[1] < 0.5 * gland[1]
+    assert margin[0] > 0.8 * gland[0]
 
 
 def test_a_wrong_level_of_fat_is_held_within_what_the_image_shows():

@@ -16,8 +16,8 @@ F64 = NDArray[np.float64]
 # Grey beyond which the sum of base and detail is bent, so that it stays within 0 and 1.
 FINAL_TOE, FINAL_SHOULDER = 0.06, 0.85
 
-# Details keep at least this part of their contrast where the base lies on the shoulder.
-MIN_SHOULDER_SLOPE = 0.6
+# Details keep at least this part of their contrast where the base lies on the toe or shoulder.
+MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.7, 0.4
 
 # Details (ln) well below this are enhanced in full, those well above hardly: no halo beside edges.
 DETAIL_LIMIT = 0.12
@@ -196,7 +196,7 @@ class ToneCurve(NamedTuple):
     fat, contrast : float
         Attenuation (ln) of fat, and of gland above it.
     fat_grey, gland_grey : float
-        Their grey, as part of the range, on the straight part of the curve.
+        Their grey, as part of the range, on the straight line that the curve bends.
     toe, shoulder : float
         Grey below and above which the curve for the base bends.
     white : float
@@ -250,7 +250,7 @@ def present_kernel(
     """Add what the margin lacks, split the sum into base and detail, and show both as grey.
 
     `missing` and `base` are coarse and interpolated linearly. The base follows a curve with toe
-    and shoulder; details keep the slope of its straight part, weak ones times the gain, and the sum
+    and shoulder; details have its slope, but no less than a part, weak ones times the gain. The sum
     is bent at black and white once more, so that nothing is clipped.
     """
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
@@ -262,15 +262,18 @@ def present_kernel(
                 attenuation[row, column] / _interpolated(edge, y, x), curve.edge_start
             )
             level = attenuation[row, column] + part * _interpolated(missing, y, x)
-            if level < curve.fat - 2.0 * curve.contrast:  # air: less than half of a grey level
-                out_pixels[row, column] = 0
-                continue
             smooth = _interpolated(base, y, x)
+            if smooth <= curve.fat and level < smooth - 2.0 * curve.contrast:
+                out_pixels[row, column] = 0  # air: less than half of a grey level
+                continue
             straight = curve.fat_grey + slope * (smooth - curve.fat)
             shown = _bent(straight, curve.toe, curve.shoulder, curve.white)
             detail = level - smooth
             more = (curve.gain - 1.0) * DETAIL_LIMIT * tanh(detail / DETAIL_LIMIT)
-            bent = max((curve.white - shown) / (curve.white - curve.shoulder), MIN_SHOULDER_SLOPE)
-            shown += slope * min(bent, 1.0) * (detail + more)
+            # of the base's curve there: its toe and its shoulder are exponential
+            on_toe = max(shown / curve.toe, MIN_TOE_SLOPE)
+            on_shoulder = (curve.white - shown) / (curve.white - curve.shoulder)
+            on_shoulder = max(on_shoulder, MIN_SHOULDER_SLOPE)
+            shown += slope * min(on_toe, on_shoulder, 1.0) * (detail + more)
             shown = _bent(shown, FINAL_TOE, FINAL_SHOULDER, 1.0)
             out_pixels[row, column] = int(shown * maximum + 0.5)

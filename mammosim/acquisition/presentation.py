@@ -36,13 +36,15 @@ MIN_CONTRAST, MAX_CONTRAST = 0.45, 1.0
 the first; what an all-dense breast (about 40 mm of gland) has beyond the second goes into the
 shoulder of the curve."""
 
-FAT_GREY, GLAND_GREY = 0.14, 0.62
-"""Grey of fat and of gland on the straight part of the curve. On twelve clinical CC images of four
-manufacturers' kinds the 5th percentile of grey in the breast is 0.08 to 0.22."""
+FAT_GREY, GLAND_GREY = 0.14, 0.64
+"""Grey of fat and of gland. On twelve clinical CC images the 5th percentile of grey in the breast
+is 0.08 to 0.22, the 99th 0.55 to 0.75."""
 
-TOE, SHOULDER, WHITE = 0.16, 0.56, 0.76
-"""Grey below and above which the base bends, and that the shoulder nears. Muscle, which has two to
-four times the contrast of gland, lies there; on clinical MLO images it is at 0.34 to 0.81."""
+TOE, SHOULDER, WHITE = 0.42, 0.58, 0.76
+"""Grey below and above which the base bends, and that the shoulder nears. The long toe, as film
+has it, shows half of gland's attenuation at a third of the range, for clinical medians are 0.20 to
+0.36. Muscle, with two to four times the contrast of gland, lies on the shoulder; on clinical MLO
+images it is at 0.34 to 0.81."""
 
 FLOOR_CONTRAST = 0.3
 """The base goes no further below fat than this part of the contrast: it takes no part in air."""
@@ -103,7 +105,7 @@ def present(
     2. The sum is split into a base, smoothed over a window of 5 mm by the guided filter of He et
        al. (2013, IEEE Trans Pattern Anal Mach Intell 35:1397), which keeps strong edges, and
        detail.
-    3. The base is shown on a curve with toe and shoulder between the levels of fat and gland;
+    3. The base is shown on a curve with a long toe and a shoulder by the levels of fat and gland;
        muscle that fills a corner of the image is left out of the levels and lies on the shoulder.
        Detail is added with the slope of the straight part times the look's gain. This is the
        local contrast enhancement of scanners in its simplest form.
@@ -122,8 +124,9 @@ def present(
         low, contrast = _levels(equalized, margin, plateau)
         radius = max(1, round(BASE_RADIUS_MM / margin.cell_mm))
         base = _base(np.maximum(equalized, low - FLOOR_CONTRAST * contrast), radius)
+        fat_place = TOE * (1.0 + np.log(FAT_GREY / TOE))  # what the toe shows as fat's grey
         curve = ToneCurve(
-            low, contrast, FAT_GREY, GLAND_GREY, TOE, SHOULDER, WHITE, LOOKS[look].gain, EDGE_START
+            low, contrast, fat_place, GLAND_GREY, TOE, SHOULDER, WHITE, LOOKS[look].gain, EDGE_START
         )
         smooth = _without_finest(attenuation, LOOKS[look].noise_sigma_mm / pixel_mm)
         present_kernel(smooth, missing, edge, base, float(cell), curve, float(MAXIMUM), pixels)

@@ -116,9 +116,10 @@ def grey(attenuation, missing, edge, base, curve):
     )
     detail = level - base
     detail += (curve.gain - 1.0) * 0.12 * np.tanh(detail / 0.12)
-    # the derivative of the shoulder, no less than 0.6
-    shoulder_slope = np.clip((curve.white - below) / (curve.white - curve.shoulder), 0.6, 1.0)
-    return bent(below + slope * shoulder_slope * detail, 0.06, 0.85, 1.0)
+    # the derivative of toe or shoulder, no less than 0.7 and 0.4
+    toe_slope = np.clip(below / curve.toe, 0.7, 1.0)
+    shoulder_slope = np.clip((curve.white - below) / (curve.white - curve.shoulder), 0.4, 1.0)
+    return bent(below + slope * min(toe_slope, shoulder_slope) * detail, 0.06, 0.85, 1.0)
 
 
 def scatter(primary_signal, thickness_mm, cell_mm, kernel_of):
