@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mammosim.cli.signals import signals_interrupt
 from mammosim.cli.terminal import (
     UNCONVERGED,
     app,
@@ -63,7 +64,7 @@ def run(
         described = load_cohort(description, change or ())
         folder = output or Path("runs") / described.title
         check_output(folder, resume, overwrite=False)
-        with _progress() as tell:
+        with signals_interrupt(), _progress() as tell:
             done = run_cohort(described, folder, scheduler=scheduler, workers=workers, tell=tell)
         say(done.sentence(datetime.now()))
         say(f"results in {folder}; open {folder / 'summary.html'}")

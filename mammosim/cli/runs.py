@@ -14,7 +14,16 @@ from rich.table import Table
 from rich.text import Text
 
 from mammosim.cli.progress import progress
-from mammosim.cli.terminal import app, check_output, exit_status, out, printable, say
+from mammosim.cli.signals import signals_interrupt
+from mammosim.cli.terminal import (
+    app,
+    check_output,
+    exit_status,
+    out,
+    print_warnings,
+    printable,
+    say,
+)
 from mammosim.errors import InputError
 
 if TYPE_CHECKING:
@@ -83,6 +92,7 @@ def run(
             is_finished,
             load_config,
             make_plan,
+            refuse_own_configuration,
             simulate,
             title_of,
             writing,
@@ -92,15 +102,17 @@ def run(
         folder = output or Path("runs") / title
         check_output(folder, resume, overwrite)
         settings = load_config(config, change or ())
+        if resume and is_finished(folder, settings):  # also where nothing can be written
+            say(f"{folder}: this run is finished already")
+            return
         check_memory_limit(make_plan(settings))
-        with writing(folder):
-            if resume and is_finished(folder, settings):
-                say(f"{folder}: this run is finished already")
-                return
+        refuse_own_configuration(folder, config)
+        with signals_interrupt(), writing(folder):
             saved = RunFolder(folder, settings, title, reuse or ())
             with progress() as tell:
                 study = simulate(settings, saved, tell)
         _print_summary(study, folder)
+        print_warnings(study.notes)
         if saved.stages.reused:
             kept = ", ".join(saved.stages.reused)
             say(f"kept from before: {kept}")

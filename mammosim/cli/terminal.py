@@ -21,7 +21,7 @@ from mammosim.cli.streams import (
 from mammosim.errors import InputError, Interrupted, MammosimError, NotConverged
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
 BAD_INPUT, UNCONVERGED, INTERRUPTED = 2, 3, 130
 
@@ -109,6 +109,12 @@ def exit_status(result_is_text: bool = False) -> Iterator[None]:
     except KeyboardInterrupt:
         err.print(Text("interrupted", style="bold red"))
         raise typer.Exit(INTERRUPTED) from None
+
+
+def print_warnings(notes: Iterable[str]) -> None:
+    """Print what the author of a result should know, one line each, repeated ones once."""
+    for note in dict.fromkeys(notes):
+        err.print(Text.assemble(("warning:", "bold yellow"), " ", printable(note)))
 
 
 def _lines_of(error: BaseException) -> tuple[str, ...]:

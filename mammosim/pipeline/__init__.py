@@ -25,6 +25,7 @@ from mammosim.pipeline.folder import (
     is_being_written,
     is_finished,
     read_record,
+    refuse_own_configuration,
     title_of,
     writing,
 )
@@ -59,6 +60,7 @@ __all__ = [
     "make_plan",
     "read_record",
     "read_views",
+    "refuse_own_configuration",
     "simulate",
     "simulate_series",
     "simulate_view",

@@ -22,7 +22,7 @@ try:
 except ImportError:  # not a Unix
     resource = None  # type: ignore[assignment]
 
-Status = Literal["done", "not converged", "interrupted"]
+Status = Literal["done", "not converged", "interrupted", "refused"]
 
 PACKAGES = (
     "numpy", "numba", "scipy", "pydicom", "highdicom", "spekpy", "xraylib",
@@ -92,7 +92,8 @@ def run_record(
     ----------
     folder : path
         The run's folder.
-    status : {"done", "not converged", "interrupted"}
+    status : {"done", "not converged", "interrupted", "refused"}
+        `refused` where a later stage found that something did not fit.
     seed : int
     settings : mapping
         The resolved configuration as plain values.

@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 import platform
+import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,6 +17,10 @@ try:
     import fcntl
 except ImportError:  # not a Unix: there, two runs on one folder are not told from one
     fcntl = None  # type: ignore[assignment]
+
+STAGES_FOLDER = ".stages"
+"""Of stages that are kept, in a run's folder; it may be deleted at any time, and costs only time
+then."""
 
 LOCK_NAME = ".lock"
 """Of the file in the folder that is locked; it holds the writer's host and process."""
@@ -40,11 +45,15 @@ def writing(folder: Path, wait_s: float = 0.0) -> Iterator[None]:
 
     Notes
     -----
+    A folder that was made for the writer is removed again if nothing was written.
+
     The lock is `flock`'s: it ends with its process, however that ends, so that nothing stale is
     ever left. On a network file system it holds between machines where that file system says so
     (NFS from version 4 on, Lustre mounted with ``flock``).
     """
     path = folder / LOCK_NAME
+    fresh = not folder.is_dir() or not any(folder.iterdir())
+    new = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle = _locked(path, time.monotonic() + wait_s)
@@ -58,6 +67,20 @@ def writing(folder: Path, wait_s: float = 0.0) -> Iterator[None]:
         with contextlib.suppress(OSError):
             path.unlink()
         os.close(handle)
+        if fresh:
+            _remove_traces(folder, new)
+
+
+def _remove_traces(folder: Path, new: Sequence[Path]) -> None:
+    """Remove a folder, and parents made for it, in which a run left nothing but a kept stage.
+
+    A run that is refused before it begins leaves nothing behind.
+    """
+    with contextlib.suppress(OSError):
+        if {path.name for path in folder.iterdir()} == {STAGES_FOLDER}:
+            shutil.rmtree(folder / STAGES_FOLDER)
+        for path in new:
+            path.rmdir()
 
 
 def is_being_written(folder: Path) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 
 from mammosim.compression import CompressedBreast
 from mammosim.config import write_yaml
+from mammosim.errors import InputError
 from mammosim.export import (
     StudyIdentity,
     series_geometry,
@@ -22,7 +23,12 @@ from mammosim.export import (
     write_text,
 )
 from mammosim.pipeline.configuration import RunConfig
-from mammosim.pipeline.folder.earlier_run import remove_earlier_run
+from mammosim.pipeline.folder.earlier_run import read_record, remove_earlier_run
+from mammosim.pipeline.folder.protection import (
+    refuse_inputs_within,
+    refuse_links,
+    refuse_strangers,
+)
 from mammosim.pipeline.folder.run_identity import InputHashes, hash_of
 from mammosim.pipeline.folder.stage_cache import StageCache
 from mammosim.pipeline.study import Study, ViewResult
@@ -45,7 +51,7 @@ class RunFolder:
     Parameters
     ----------
     path : path
-        Is made; what lies in it is replaced file by file.
+        Is made when the run begins; what lies in it is replaced file by file.
     config : RunConfig
     title : str
         Name of the run in the report.
@@ -61,7 +67,8 @@ class RunFolder:
     Raises
     ------
     InputError
-        If the folder cannot be made or written to.
+        If a link in the folder leads elsewhere, or a file lies in it that the run reads or that
+        is no run's and would be replaced.
     """
 
     def __init__(
@@ -74,13 +81,25 @@ class RunFolder:
         inputs = InputHashes.of(config)
         self._hash = hash_of(config, inputs)
         self._identity = StudyIdentity(self._hash, f"Simulated mammography: {self._title}")
+        refuse_links(self.path)
+        refuse_inputs_within(self.path, config)
+        refuse_strangers(self.path)
         self.stages = StageCache(self.path, (*inputs.labels, *inputs.voxels), reuse)
+        self._begun: os.stat_result | None = None
+
+    def _begin(self) -> None:
+        """Take the folder, once there is a result: a run that is refused before leaves nothing."""
         remove_earlier_run(self.path)
-        with whole_file(self.path / "config.yaml") as part:
-            write_yaml(config.plain(), part)
+        self.stages.make_folder()
+        path = self.path / "config.yaml"
+        with whole_file(path) as part:
+            write_yaml(self._config.plain(), part)
+        self._begun = path.stat()
 
     def write_compression(self, squeezed: CompressedBreast) -> None:
         """Write a view's compressed labels, displacement, history and measures."""
+        if self._begun is None:
+            self._begin()
         settings = self._config.export
         wanted = settings.volumes or settings.compressed_formats
         labels, frame = compressed_labels(squeezed) if wanted else (None, None)
@@ -100,15 +119,15 @@ class RunFolder:
             )
 
     def write_summary(self, study: Study, status: Status) -> None:
-        """Write the tables of the lesions, the run's record and the page."""
-        write_lesions(study.targets, self.path / "lesions.csv")
-        for kind, rows, name in (
-            (RuleError, study.answers.rules, "view_rules"),
-            (BiopsyResult, study.answers.biopsy, "biopsy"),
-            (ShiftUncertainty, study.answers.uncertainty, "uncertainty"),
-        ):
-            if rows:
-                write_table(kind, rows, self.path / f"{name}.csv")
+        """Write the tables of the lesions, the page and the run's record.
+
+        Raises
+        ------
+        InputError
+            If the folder was removed while the run was on, or cannot be written.
+        """
+        self._check_presence(study)
+        self._write_tables(study)
         record = self._record(study, status)
         if self._config.report.html:
             views = [ReportedView(view.squeezed, view.mammogram) for view in study.views.values()]
@@ -118,23 +137,59 @@ class RunFolder:
             write_text(self.path / "report.html", page)
         write_json(self.path / "run.json", record)
 
-    def _record(self, study: Study, status: Status) -> dict[str, Any]:
+    def write_stop(self, study: Study | None, status: Status) -> None:
+        """Mark a run that stopped before its end: its record and tables, without a page.
+
+        An earlier run that this one was to replace, but had not touched yet, stays as it is, and
+        a run that was refused before it began leaves nothing.
+        """
+        if self._begun is None:
+            if status != "interrupted" or read_record(self.path):
+                return
+            self._begin()
+        if study is not None:
+            self._check_presence(study)
+            self._write_tables(study)
+        write_json(self.path / "run.json", self._record(study, status))
+
+    def _write_tables(self, study: Study) -> None:
+        write_lesions(study.targets, self.path / "lesions.csv")
+        for kind, rows, name in (
+            (RuleError, study.answers.rules, "view_rules"),
+            (BiopsyResult, study.answers.biopsy, "biopsy"),
+            (ShiftUncertainty, study.answers.uncertainty, "uncertainty"),
+        ):
+            if rows:
+                write_table(kind, rows, self.path / f"{name}.csv")
+
+    def _check_presence(self, study: Study) -> None:
+        """Refuse to call a run whole whose folder was removed or replaced meanwhile."""
+        for name in ("config.yaml", *(f"{view}/compression.json" for view in study.views)):
+            if not (self.path / name).is_file():
+                raise InputError(
+                    f"{self.path / name}: was removed during the run; its results are incomplete"
+                )
+        if self._begun is None or not os.path.samestat(
+            (self.path / "config.yaml").stat(), self._begun
+        ):
+            raise InputError(f"{self.path}: was replaced during the run")
+
+    def _record(self, study: Study | None, status: Status) -> dict[str, Any]:
         """What `run.json` holds, once all files but the page are written."""
         record = run_record(
             self.path,
             status=status,
             seed=self._config.seed,
             settings=self._config.plain(),
-            stage_seconds=study.stage_seconds,
-            warnings=study.notes,
+            stage_seconds=study.stage_seconds if study else {},
+            warnings=study.notes if study else (),
             run_hash=self._hash,
         )
         record["title"] = self._title
         record["stages_reused"] = self.stages.reused
-        record["views"] = {name: _view_record(view) for name, view in study.views.items()}
-        series = {
-            name: series_geometry(view.series) for name, view in study.views.items() if view.series
-        }
+        views = study.views if study else {}
+        record["views"] = {name: _view_record(view) for name, view in views.items()}
+        series = {name: series_geometry(view.series) for name, view in views.items() if view.series}
         if series:
             record["tomosynthesis"] = series
         return record

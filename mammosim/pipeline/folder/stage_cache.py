@@ -22,15 +22,14 @@ import numpy as np
 from mammosim._version import VERSION
 from mammosim.compression import CompressedBreast, CompressionSettings
 from mammosim.config import open_file, read_text
+from mammosim.errors import InputError
 from mammosim.export import whole_file, write_json
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, as_held
 from mammosim.pipeline.configuration import RunConfig, without_paths
+from mammosim.pipeline.folder.lock import STAGES_FOLDER
 from mammosim.pipeline.folder.serialization import pack, unpack
 from mammosim.report import file_hash
-
-STAGES_FOLDER = ".stages"
-"""In a run's folder; it may be deleted at any time, and costs only time then."""
 
 PHANTOM_ROOMS = ("config", "geometry", "phantom", "tissues")
 COMPRESSION_ROOMS = (*PHANTOM_ROOMS, "compression")
@@ -60,6 +59,19 @@ class StageCache:
         self._folders = [folder / STAGES_FOLDER for folder in (run, *others)]
         self._inputs = tuple(inputs)
         self.reused: list[str] = []
+
+    def make_folder(self) -> None:
+        """Make the folder of kept stages, which also marks its parent as a run's.
+
+        Raises
+        ------
+        InputError
+            If it cannot be made.
+        """
+        try:
+            self._folders[0].mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{self._folders[0]}: cannot be written ({error.strerror})") from None
 
     def phantom(self, config: RunConfig, make: Callable[[], BreastPhantom]) -> BreastPhantom:
         """The uncompressed breast; one from a file is read again, which is as fast."""

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial, wraps
 from typing import Any, ParamSpec, Protocol, TypeVar
 
 from mammosim.compression import CompressedBreast, CompressionSettings
-from mammosim.errors import Interrupted, NotConverged
+from mammosim.errors import InputError, Interrupted, NotConverged
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
 from mammosim.pipeline.configuration import RunConfig
@@ -49,6 +51,21 @@ def unobserved(stage: Callable[Arguments, Result], /) -> Callable[Arguments, Res
     return stage
 
 
+@contextmanager
+def signals_held() -> Iterator[None]:
+    """Ignore SIGINT and SIGTERM for a while; only the main thread ever gets them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    handlers = [signal.signal(number, signal.SIG_IGN) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, handlers, strict=True):
+            signal.signal(number, handler)
+
+
 class RunObserver:
     """Observes the stages of one run.
 
@@ -81,6 +98,7 @@ class RunObserver:
         self._views: dict[str, ViewResult] = {}
         self._seconds: dict[str, float] = defaultdict(float)
         self._reported = ("", "")
+        self._breast: BreastPhantom | None = None
 
     @property
     def views(self) -> Mapping[str, ViewResult]:
@@ -118,13 +136,30 @@ class RunObserver:
             with self._timing(folder, "export"):
                 self._output.write_view(result)
 
-    def finish(self, study: Study, status: Status) -> Study:
+    def finish(self, study: Study) -> Study:
         """Write tables, record and page; the study with the time of each stage."""
         study = replace(study, stage_seconds=dict(self._seconds))
         if self._output is not None:
             with self._timing("", "report"):
-                self._output.write_summary(study, status)
+                self._output.write_summary(study, "not converged" if self.unfinished else "done")
         return replace(study, stage_seconds=dict(self._seconds))
+
+    def stop(self, status: Status) -> Study | None:
+        """Write what was reached, marked, without a page; the study, or None without a breast.
+
+        A second signal is held back meanwhile. If the folder cannot be written, that is no news:
+        the reason for stopping is on its way up.
+        """
+        with signals_held():
+            if self._output is not None:
+                with suppress(InputError):
+                    self._output.write_stop(self._reached(), status)
+            return self._reached()
+
+    def _reached(self) -> Study | None:
+        if self._breast is None:
+            return None
+        return Study(self._breast, self.views, dict(self._seconds))
 
     def _timed(self, folder: str, stage: Callable[..., Any], *arguments: Any, **keys: Any) -> Any:
         with self._timing(folder, STAGE_NAMES[stage.__name__]):
@@ -134,9 +169,10 @@ class RunObserver:
         """The uncompressed breast, as it was kept or made now."""
         with self._timing(folder, "phantom"):
             make = partial(make_phantom, *arguments)
-            return (
+            self._breast = (
                 make() if self._output is None else self._output.stages.phantom(self._config, make)
             )
+            return self._breast
 
     def _compression(
         self, folder: str, compress: Callable[..., CompressedBreast], breast: BreastPhantom,

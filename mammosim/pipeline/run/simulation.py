@@ -9,7 +9,7 @@ from mammosim._jit import one_blas_thread
 from mammosim.acquisition import expose, expose_arc, lesion_visibility
 from mammosim.compression import compress
 from mammosim.config import documents_keys
-from mammosim.errors import Interrupted, NotConverged
+from mammosim.errors import InputError, Interrupted, NotConverged
 from mammosim.phantom import BreastPhantom, make_phantom
 from mammosim.pipeline.configuration import (
     ResolvedView,
@@ -58,17 +58,18 @@ def simulate(
     Raises
     ------
     InputError
-        If something does not fit, as a lesion outside the breast.
+        If something does not fit, as a lesion outside the breast; what was computed before is
+        written and its record marked.
     NotConverged, Interrupted
         After everything that was reached has been written; they carry the study.
     """
     config = given_config(config, sections, "simulate()")
     check_settings(config)
     observer = RunObserver(config, output, on_progress)
-    breast = observer.of_run(make_phantom)(config.phantom, config.laterality, config.seed)
-    check_compression(config, breast)
-    check_detectors(config, breast)
     try:
+        breast = observer.of_run(make_phantom)(config.phantom, config.laterality, config.seed)
+        check_compression(config, breast)
+        check_detectors(config, breast)
         for view in config.resolved_views:
             observe = observer.of_view(view.position(breast.laterality).folder)
             simulate_one = simulate_series if view.tomosynthesis else simulate_view
@@ -76,11 +77,16 @@ def simulate(
         answers = observer.of_run(shift_answers)(
             breast, observer.views, config, observer.on_progress
         )
+        views = with_ellipsoids(observer.views, answers.uncertainty)
+        study = observer.finish(Study(breast, views, answers=answers))
     except (Interrupted, KeyboardInterrupt) as stop:
-        study = observer.finish(Study(breast, observer.views), "interrupted")
-        raise Interrupted(str(stop) or "the run was interrupted", study) from None
-    study = Study(breast, with_ellipsoids(observer.views, answers.uncertainty), answers=answers)
-    study = observer.finish(study, "not converged" if observer.unfinished else "done")
+        reached = observer.stop("interrupted")
+        raise Interrupted(str(stop) or "the run was interrupted", reached) from None
+    except InputError:
+        reached = observer.stop("not converged" if observer.unfinished else "refused")
+        if reached is None or not observer.unfinished:
+            raise
+        study = reached
     if observer.unfinished:
         raise NotConverged("\n".join(str(error) for error in observer.unfinished), study)
     return study

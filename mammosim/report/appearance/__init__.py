@@ -17,6 +17,7 @@ from mammosim.report.appearance.structure import (
 
 __all__ = ["MEASURES", "SOURCE", "WIDENED", "Measure", "appearance", "measures_of"]
 
+_MAX_PIXEL_MM = 0.25  # the finest spectrum reaches to 2 per mm
 _MIN_INNER_MM2 = 400.0  # below, there is no texture to speak of
 
 
@@ -35,7 +36,8 @@ def appearance(grey: NDArray[np.floating], pixel_mm: float, view: str) -> dict[s
     Returns
     -------
     dict of str to float
-        Keys of `MEASURES`; what was not found is not there.
+        Keys of `MEASURES`; what was not found is not there, nor anything of pixels too large to
+        show fine structure.
 
     Notes
     -----
@@ -43,6 +45,8 @@ def appearance(grey: NDArray[np.floating], pixel_mm: float, view: str) -> dict[s
     to the range from the 1st to the 99th percentile of grey there, since scanners' grey scales
     differ. A number within the range of real images is no proof of realism.
     """
+    if pixel_mm > _MAX_PIXEL_MM:
+        return {}
     region = find_region(np.asarray(grey, dtype=np.float64), pixel_mm)
     if region is None:
         return {}

@@ -1,0 +1,47 @@
+"""Signals that end a command: Ctrl-C, and SIGTERM, by which SLURM and Kubernetes end a job."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import FrameType
+
+RETRY_S = 0.05
+"""After which a signal that came at a bad moment is sent again, s."""
+
+NOT_WITHIN = "llvmlite"
+"""Package whose callbacks swallow an exception, and crash after it, while a kernel is compiled."""
+
+
+@contextmanager
+def signals_interrupt() -> Iterator[None]:
+    """Let SIGTERM interrupt as Ctrl-C does, and neither of them in the middle of compiling."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if _is_within(frame, NOT_WITHIN):
+            threading.Timer(RETRY_S, os.kill, (os.getpid(), number)).start()
+            return
+        raise KeyboardInterrupt(f"the run was interrupted by {signal.Signals(number).name}")
+
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, interrupt) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _is_within(frame: FrameType | None, package: str) -> bool:
+    """Whether any function on the stack belongs to a package."""
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").partition(".")[0] == package:
+            return True
+        frame = frame.f_back
+    return False

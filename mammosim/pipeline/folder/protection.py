@@ -1,0 +1,104 @@
+"""What a run leaves alone in its folder: links, files that it reads, and files of others."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from mammosim.errors import InputError
+from mammosim.pipeline.configuration import RunConfig, input_paths
+from mammosim.pipeline.folder.earlier_run import read_record
+from mammosim.pipeline.folder.lock import STAGES_FOLDER
+
+OWN_FILES = frozenset(
+    {"config.yaml", "run.json", "report.html", "lesions.csv", "view_rules.csv", "biopsy.csv",
+     "uncertainty.csv", "uncompressed.nii.gz"}
+)  # fmt: skip
+"""Files that a run writes at the top of its folder."""
+
+VIEW_FOLDER = re.compile(r"[LR](CC|MLO|ML)(_\w+)?")
+"""Folders that a run writes files into."""
+
+
+def refuse_links(folder: Path) -> None:
+    """Refuse links in a run's folder: what is written must stay in it.
+
+    The folder itself may be a link.
+
+    Raises
+    ------
+    InputError
+        Naming the first link.
+    """
+    for parent, folders, _ in os.walk(folder, followlinks=False):
+        for name in sorted(folders):
+            path = Path(parent, name)
+            if path.is_symlink():
+                raise InputError(
+                    f"{path}: is a link to {os.readlink(path)}; a run does not write through links "
+                    "in its folder; remove it, or give another --output"
+                )
+
+
+def refuse_inputs_within(folder: Path, config: RunConfig) -> None:
+    """Refuse a run that reads a file from the very folder that it writes.
+
+    Raises
+    ------
+    InputError
+        Naming the key and the file.
+    """
+    home = folder.resolve()
+    for where, value in input_paths(config):
+        if Path(value).resolve().is_relative_to(home):
+            key = ".".join(str(part) for part in where)
+            raise InputError(
+                f"{key}: {value} lies in the output folder {folder}, whose files are replaced; "
+                "copy it elsewhere, or give another --output"
+            )
+
+
+def refuse_strangers(folder: Path) -> None:
+    """Refuse a folder with files of a run's names that no run wrote.
+
+    Other files may lie there; they are left alone.
+
+    Raises
+    ------
+    InputError
+        Naming the first file.
+    """
+    if not folder.is_dir() or _is_runs(folder):
+        return
+    for path in sorted(folder.iterdir()):
+        if path.name in OWN_FILES:
+            stranger = path
+        elif VIEW_FOLDER.fullmatch(path.name) and path.is_dir() and any(path.iterdir()):
+            stranger = next(path.iterdir())
+        else:
+            continue
+        raise InputError(
+            f"{stranger}: would be replaced, but {folder} is not the folder of a run; "
+            "move it away, or give another --output"
+        )
+
+
+def _is_runs(folder: Path) -> bool:
+    return bool(read_record(folder).get("run_hash")) or (folder / STAGES_FOLDER).is_dir()
+
+
+def refuse_own_configuration(folder: Path, config: Path) -> None:
+    """Refuse to replace the very file that the configuration was read from.
+
+    Raises
+    ------
+    InputError
+        Naming the file.
+    """
+    for name in ("config.yaml", "run.json"):
+        if config.exists() and (folder / name).exists() and config.samefile(folder / name):
+            raise InputError(
+                f"{config}: is read by this run, which would replace it; copy it elsewhere, or "
+                "give another --output"
+            )
