@@ -130,8 +130,7 @@ def test_resuming_a_finished_run_writes_nothing(user, monkeypatch):
     output = user / "out"
     config = write(user, **GENERATED)
     assert invoke("run", config, "--output", output).exit_code == 0
-    monkeypatch.setattr(os, "open", _refused)
-    monkeypatch.setattr(Path, "mkdir", _refused)
+    monkeypatch.setattr("mammosim.pipeline.writing", _refused)
     result = invoke("run", config, "--output", output, "--resume")
     assert result.exit_code == 0
     assert "finished already" in result.output

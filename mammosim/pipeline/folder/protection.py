@@ -37,7 +37,7 @@ def refuse_links(folder: Path) -> None:
             if path.is_symlink():
                 raise InputError(
                     f"{path}: is a link to {os.readlink(path)}; a run does not write through links "
-                    "in its folder; remove it, or give another --output"
+                    "in its folder; remove it, or choose another output folder"
                 )
 
 
@@ -55,7 +55,7 @@ def refuse_inputs_within(folder: Path, config: RunConfig) -> None:
             key = ".".join(str(part) for part in where)
             raise InputError(
                 f"{key}: {value} lies in the output folder {folder}, whose files are replaced; "
-                "copy it elsewhere, or give another --output"
+                "copy it elsewhere, or choose another output folder"
             )
 
 
@@ -80,7 +80,7 @@ def refuse_strangers(folder: Path) -> None:
             continue
         raise InputError(
             f"{stranger}: would be replaced, but {folder} is not the folder of a run; "
-            "move it away, or give another --output"
+            "move it away, or choose another output folder"
         )
 
 
@@ -100,5 +100,5 @@ def refuse_own_configuration(folder: Path, config: Path) -> None:
         if config.exists() and (folder / name).exists() and config.samefile(folder / name):
             raise InputError(
                 f"{config}: is read by this run, which would replace it; copy it elsewhere, or "
-                "give another --output"
+                "choose another output folder"
             )
