@@ -11,7 +11,7 @@ from mammosim.acquisition import AcquisitionSettings, expose
 from mammosim.acquisition.coarse import coarse_paths
 from mammosim.acquisition.detectors import find_detector
 from mammosim.acquisition.recording import beam_for
-from mammosim.acquisition.scatter import SCATTER_MODELS, ScatterCase
+from mammosim.acquisition.scatter import SCATTER_MODELS, Scatter, ScatterCase
 from mammosim.acquisition.scatter.convolution import KERNELS, boone_ratio, scatter_signal
 from mammosim.errors import InputError
 from mammosim.projection import project
@@ -122,7 +122,7 @@ def case(**given) -> ScatterCase:
 def test_every_model_returns_a_signal_of_the_cells_and_changes_nothing(name):
     given = case()
     before = given.primary.copy(), given.thickness_mm.copy()
-    scatter = SCATTER_MODELS[name](given)
+    scatter = SCATTER_MODELS[name](given).signal
     assert scatter.shape == given.primary.shape
     assert scatter.dtype == np.float64
     assert (scatter >= 0.0).all()
@@ -147,9 +147,9 @@ def test_a_model_sees_the_breast_of_the_paths_or_the_one_given(monkeypatch):
 
     def model(given):
         seen.append(given.breast)
-        return np.zeros_like(given.primary)
+        return Scatter(np.zeros_like(given.primary))
 
-    monkeypatch.setitem(SCATTER_MODELS, "kernels", model)
+    monkeypatch.setitem(SCATTER_MODELS, "monte-carlo", model)
     breast = unsqueezed(phantom(np.ones((20, 20, 20), np.uint8)), spacing_mm=5.0)
     paths = project(breast, pixel_mm=2.0)
     assert paths.breast is breast
@@ -166,8 +166,13 @@ def test_a_model_sees_the_breast_of_the_paths_or_the_one_given(monkeypatch):
 @pytest.mark.parametrize(
     ("scatter", "message"),
     [
-        ({"model": "monte"}, "acquisition.scatter.model: found 'monte', expected one of kernels"),
+        (
+            {"model": "monte"},
+            "acquisition.scatter.model: found 'monte', expected one of monte-carlo",
+        ),
         ({"photon": 3}, "acquisition.scatter.photon: unknown key"),
+        ({"photons": 0}, "acquisition.scatter.photons: found 0, expected"),
+        ({"photons": 10**12}, "acquisition.scatter.photons: found 1000000000000, expected"),
         ("kernels", "acquisition.scatter: found 'kernels', expected true, false, or a section"),
     ],
 )

@@ -34,19 +34,25 @@ def test_load_and_dose_are_split_evenly(series):
     picture = expose(
         project(block(), pixel_mm=0.5, detector_mm=[150.0, 60.0]), grid=False, noise=False, **KEYS
     )
+    dance = picture.dose.by["dance"].mgd_mgy
+    error = 4.0 * np.hypot(picture.dose.error, series.middle.dose.error)
+    assert error < 0.1
     assert series.mas == pytest.approx(90.0)
     assert series.middle.mas == pytest.approx(18.0)
-    assert series.dose_mgy == pytest.approx(picture.dose_mgy, rel=1e-9)
+    # oblique photons leave some per cent less in the gland
+    assert 0.9 < series.dose_mgy / (5.0 * series.middle.dose_mgy) < 1.02
     assert series.air_kerma_mgy == pytest.approx(picture.air_kerma_mgy, rel=1e-9)
-    assert series.middle.dose_mgy == pytest.approx(picture.dose_mgy / 5, rel=1e-9)
+    assert series.middle.dose_mgy == pytest.approx(picture.dose_mgy / 5, rel=error)
+    assert series.middle.dose.by["dance"].mgd_mgy == pytest.approx(dance / 5, rel=1e-9)
     assert series.middle.measures["projections"] == 5.0
     assert series.middle.measures["dose_of_all_projections_mgy"] == series.dose_mgy
 
 
 def test_exposure_control_gives_the_load_and_dose_of_a_mammogram():
     arc = sweep(3)
-    one = expose(arc.paths(1), noise=False)
-    series = expose_arc(arc, noise=False)
+    kernels = {"model": "kernels"}  # Monte Carlo's load differs by its noise
+    one = expose(arc.paths(1), noise=False, scatter=kernels)
+    series = expose_arc(arc, noise=False, scatter=kernels)
     assert series.mas == pytest.approx(one.mas, rel=1e-9)
     assert series.dose_mgy == pytest.approx(one.dose_mgy, rel=1e-9)
 

@@ -3,8 +3,9 @@
 from mammosim.acquisition.detectors import DETECTORS, Detector
 from mammosim.acquisition.expose import expose
 from mammosim.acquisition.keys import AcquisitionKeys
-from mammosim.acquisition.mammogram import Mammogram
+from mammosim.acquisition.mammogram import Dose, GlandularDose, Mammogram
 from mammosim.acquisition.named_files import check_acquisition
+from mammosim.acquisition.scatter import DoseMap
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.tomosynthesis import Tomosynthesis, expose_arc
 from mammosim.acquisition.visibility import Visibility, lesion_visibility
@@ -14,6 +15,9 @@ __all__ = [
     "AcquisitionKeys",
     "AcquisitionSettings",
     "Detector",
+    "Dose",
+    "DoseMap",
+    "GlandularDose",
     "Mammogram",
     "Tomosynthesis",
     "Visibility",

@@ -48,12 +48,17 @@ BEAM_MATERIALS: MappingProxyType[str, Material] = MappingProxyType(
             # Amorphous selenium is lighter than the crystal (4.8): Kasap & Rowlands 2002.
             _beam_material("Se", 4.3, {"Se": 100.0}, "amorphous selenium"),
             _beam_material("CsI", 4.51, {"Cs": 51.155, "I": 48.845}, "stoichiometry"),
+            _beam_material("Pb", 11.35, {"Pb": 100.0}, "element"),
+            _beam_material("polystyrene", 1.06, {"H": 7.7418, "C": 92.2582}, "(C8H8)n"),
             # Carbon-fibre laminate, about 60 per cent fibre: counted as carbon.
             _beam_material("carbon fibre", 1.60, {"C": 100.0}, "laminate as carbon"),
         )
     }
 )
-"""What the beam meets besides the breast: filters, air, paddle, support, detectors."""
+"""What the beam meets besides the breast: filters, air, paddle, support, grid, detectors."""
+
+SUPPORT_MATERIALS = ("carbon fibre", "polystyrene", "polycarbonate")
+"""What breast support and detector cover may be made of."""
 
 
 def attenuation_per_mm(material: Material, energy_kev: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -75,7 +80,9 @@ def attenuation_per_mm(material: Material, energy_kev: NDArray[np.float64]) -> N
     >>> round(float(attenuation_per_mm(gland, np.array([20.0]))[0]), 5)
     0.08005
     """
-    return _mixture("CS_Total", material, energy_kev) * material.density_g_cm3 / MM_PER_CM
+    return (
+        cross_section_cm2_g("CS_Total", material, energy_kev) * material.density_g_cm3 / MM_PER_CM
+    )
 
 
 def absorbed_fraction(
@@ -98,7 +105,9 @@ def absorbed_fraction(
     ``(tau / mu) (1 - exp(-mu t))``; photons that scatter in the layer are counted as lost.
     """
     total = attenuation_per_mm(material, energy_kev)
-    photo = _mixture("CS_Photo", material, energy_kev) * material.density_g_cm3 / MM_PER_CM
+    photo = (
+        cross_section_cm2_g("CS_Photo", material, energy_kev) * material.density_g_cm3 / MM_PER_CM
+    )
     return photo / total * -np.expm1(-total * thickness_mm)
 
 
@@ -129,8 +138,8 @@ def energy_absorption_cm2_g(
     >>> round(float(energy_absorption_cm2_g(BEAM_MATERIALS["air"], np.array([20.0]))[0]), 3)
     0.54
     """
-    photo = _mixture("CS_Photo", material, energy_kev)
-    compton = _mixture("CS_Compt", material, energy_kev)
+    photo = cross_section_cm2_g("CS_Photo", material, energy_kev)
+    compton = cross_section_cm2_g("CS_Compt", material, energy_kev)
     return photo + compton * _compton_transfer(energy_kev)
 
 
@@ -143,10 +152,10 @@ def _compton_transfer(energy_kev: NDArray[np.float64]) -> NDArray[np.float64]:
     return share
 
 
-def _mixture(
+def cross_section_cm2_g(
     quantity: str, material: Material, energy_kev: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Mass-weighted sum of an xraylib cross-section over the elements, cm2/g."""
+    """Mass-weighted sum of one of xraylib's cross-sections over the elements, cm2/g."""
     energies = tuple(float(energy) for energy in energy_kev)
     parts = [
         fraction * _element(quantity, symbol, energies)

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.acquisition.attenuation import BEAM_MATERIALS, absorbed_fraction
+from mammosim.acquisition.attenuation import BEAM_MATERIALS, absorbed_fraction, attenuation_per_mm
 from mammosim.errors import InputError
 
 
@@ -20,7 +20,7 @@ class Detector:
     ----------
     name : str
     material : str
-        Converter, a name of `BEAM_MATERIALS`.
+        Converter, a name of `BEAM_MATERIALS`; None for one that records all energy.
     thickness_mm : float
         Converter's thickness at full density, mm.
     swank : float
@@ -35,7 +35,7 @@ class Detector:
     """
 
     name: str
-    material: str
+    material: str | None
     thickness_mm: float
     swank: float
     blur_mm: float
@@ -45,8 +45,29 @@ class Detector:
     structure_noise: float
 
     def efficiency(self, energy_kev: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) fraction of the photons whose energy is recorded."""
-        return absorbed_fraction(BEAM_MATERIALS[self.material], self.thickness_mm, energy_kev)
+        """(n,) fraction of the photons whose energy is recorded, at right angles."""
+        return self.oblique_efficiency(energy_kev, np.ones(1))[:, 0]
+
+    def oblique_efficiency(
+        self, energy_kev: NDArray[np.float64], cosine: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """[energy, cosine] the same for photons that come in at an angle to the normal."""
+        if self.material is None:
+            return np.ones((energy_kev.size, cosine.size))
+        material = BEAM_MATERIALS[self.material]
+        ways = [absorbed_fraction(material, self.thickness_mm / c, energy_kev) for c in cosine]
+        return np.stack(ways, axis=1)
+
+    def oblique_gain(self, energy_kev: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) relative gain of efficiency for each part by which a slant lengthens the way.
+
+        ``d ln(1 - exp(-mu t s)) / ds`` at s = 1: exact to first order in 1 / cos - 1, which is
+        below 0.1 for primary photons.
+        """
+        if self.material is None:
+            return np.zeros(energy_kev.size)
+        depth = attenuation_per_mm(BEAM_MATERIALS[self.material], energy_kev) * self.thickness_mm
+        return np.asarray(depth / np.expm1(depth))
 
     def transfer(self, frequency_per_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Converter's modulation transfer function, without the pixel's aperture."""
@@ -85,6 +106,8 @@ DETECTORS: MappingProxyType[str, Detector] = MappingProxyType(
             # 0.55 at 32.8 mR and 0.40 at 1.3 mR: thickness at full density, Swank factor and
             # electronic noise, which makers do not publish, give 0.55 and 0.42.
             Detector("CsI-100", "CsI", 0.100, 0.87, 0.0815, 0.0298, 0.0, 260.0, 0.002),
+            # Records the energy of every photon, for comparisons with other programs.
+            Detector("ideal", None, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         )
     }
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mammosim.acquisition.attenuation import attenuation_per_mm
+from mammosim.acquisition.grid_parts import primary_part
 from mammosim.acquisition.recording import Arrival
 from mammosim.tissues import composition
 
@@ -42,5 +43,5 @@ def fat_attenuation(arrival: Arrival) -> float:
     primary = float(np.sum(weight * np.exp(-depth)) / np.sum(weight))
     scatter = arrival.scatter_to_primary
     if settings.grid:
-        scatter *= settings.grid_scatter_transmission / settings.grid_primary_transmission
+        scatter *= arrival.scatter_part / primary_part(settings, unit)
     return -float(np.log(primary * (1.0 + scatter)))

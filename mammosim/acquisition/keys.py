@@ -10,8 +10,13 @@ from mammosim.acquisition.settings import ScatterSettings
 class ScatterKeys(TypedDict, total=False):
     """Keys of `ScatterSettings`."""
 
-    model: Literal["kernels", "none"]
-    """Scatter model: kernels (by local thickness) or none. Default: kernels."""
+    model: Literal["monte-carlo", "kernels", "none"]
+    """Scatter model: monte-carlo (photons followed through the compressed breast), kernels (by
+    local thickness) or none. Default: monte-carlo."""
+
+    photons: int | None
+    """Photons that monte-carlo follows, 10 thousand to 1 billion; left out: 200 thousand, for about
+    2 per cent of noise in the breast."""
 
 
 class AcquisitionKeys(TypedDict, total=False):
@@ -49,7 +54,11 @@ class AcquisitionKeys(TypedDict, total=False):
     """Polycarbonate of the compression paddle in mm. Default: 3.0."""
 
     support_mm: float
-    """Carbon fibre of breast support and detector cover in mm. Default: 1.0."""
+    """Breast support and detector cover in mm. Default: 1.0."""
+
+    support_material: Literal["carbon fibre", "polystyrene", "polycarbonate"]
+    """What breast support and detector cover are made of: carbon fibre, polystyrene or
+    polycarbonate. Default: carbon fibre."""
 
     composition: str
     """What tissues are made of: hammerstein, icru44, woodard, or the path of a YAML file. Default:
@@ -66,16 +75,16 @@ class AcquisitionKeys(TypedDict, total=False):
     grid: bool
     """Whether an anti-scatter grid is in front of the detector. Default: True."""
 
-    grid_primary_transmission: float
-    """Part of the primary that the grid lets through; 0.75 is usual for 5:1 at 31 lines per cm.
-    Default: 0.75."""
+    grid_primary_transmission: float | None
+    """Part of the primary that the grid lets through; 0.75 is usual for 5:1 at 31 lines per cm;
+    null: that of the grid's strips by their thickness. Default: 0.75."""
 
-    grid_scatter_transmission: float
-    """Part of the scatter that the grid lets through; published values are 0.07 to 0.14. Default:
-    0.1."""
+    grid_scatter_transmission: float | None
+    """Part of the scatter that the grid lets through; published values are 0.07 to 0.14; null: by
+    the direction of each photon (monte-carlo only). Default: 0.1."""
 
-    detector: Literal["a-Se-70", "a-Se-85", "CsI-100"]
-    """Detector: a-Se-70, a-Se-85 or CsI-100; any works with any pixel. Default: a-Se-70."""
+    detector: Literal["a-Se-70", "a-Se-85", "CsI-100", "ideal"]
+    """Detector: a-Se-70, a-Se-85, CsI-100 or ideal; any works with any pixel. Default: a-Se-70."""
 
     look: Literal["crisp", "soft"]
     """Processing of the For Presentation image: crisp enhances local contrast and leaves the grain

@@ -4,12 +4,69 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim.acquisition._kernels import add_scatter_kernel
+from mammosim.acquisition.scatter import DoseMap
 from mammosim.geometry import Gantry
+
+
+@dataclass(frozen=True)
+class GlandularDose:
+    """Mean glandular dose by one method.
+
+    Parameters
+    ----------
+    mgd_mgy : float
+        Mean glandular dose, mGy.
+    mgd_per_kerma : float
+        The same over the incident air kerma at the breast's upper surface, mGy/mGy.
+    """
+
+    mgd_mgy: float
+    mgd_per_kerma: float
+
+
+@dataclass(frozen=True, eq=False)
+class Dose:
+    """Dose of one exposure.
+
+    Parameters
+    ----------
+    method : str
+        Where the dose comes from: `monte-carlo` or `dance`.
+    by : mapping of str to GlandularDose
+        By each method that was used.
+    all_gland_mgy : float
+        Mean dose of all gland, also of that behind the beam's edge, mGy; NaN without Monte Carlo.
+    error : float
+        Standard error of Monte Carlo's glandular dose over itself; NaN without it.
+    material_mgy : mapping of str to float
+        Mean dose of each material in the beam, mGy; `skin` is the skin dose.
+    dose_map : DoseMap or None
+        Dose of each voxel, mGy, where it was asked for.
+    """
+
+    method: str
+    by: Mapping[str, GlandularDose]
+    all_gland_mgy: float = float("nan")
+    error: float = float("nan")
+    material_mgy: Mapping[str, float] = field(default_factory=dict)
+    dose_map: DoseMap | None = None
+
+    @property
+    def mgd_mgy(self) -> float:
+        """Mean glandular dose, mGy, of the gland in the beam."""
+        return self.by[self.method].mgd_mgy
+
+    @property
+    def mgd_per_kerma(self) -> float:
+        """Mean glandular dose over incident air kerma, mGy/mGy."""
+        return self.by[self.method].mgd_per_kerma
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +108,15 @@ class Mammogram:
         Nominal size of the focal spot, mm.
     automatic_exposure : bool
         Whether exposure control chose the tube load.
+    primary : ndarray of float32, [row, column], or None
+        Mean primary signal in front of the grid, without blur and noise, keV a pixel.
+    scatter_cells : ndarray of float64, [row, column], or None
+        Mean scatter signal in front of the grid of the pixels of square cells, keV a pixel.
+    cell_px : int
+        Pixels along the side of a cell.
+    scatter_model : str
+        Name of the scatter model that ran.
+    dose : Dose or None
     """
 
     for_processing: NDArray[np.uint16]
@@ -74,3 +140,27 @@ class Mammogram:
     detector: str = ""
     focal_spot_mm: float = math.nan
     automatic_exposure: bool = True
+    primary: NDArray[np.float32] | None = None
+    scatter_cells: NDArray[np.float64] | None = None
+    cell_px: int = 1
+    scatter_model: str = ""
+    dose: Dose | None = None
+
+    @property
+    def dose_method(self) -> str:
+        """Where `dose_mgy` comes from: `monte-carlo` or `dance`."""
+        return self.dose.method if self.dose is not None else "dance"
+
+    @cached_property
+    def scatter(self) -> NDArray[np.float32] | None:
+        """[row, column] mean scatter signal in front of the grid, keV a pixel.
+
+        Over `primary` it is the scatter-to-primary ratio.
+        """
+        if self.scatter_cells is None:
+            return None
+        signal = np.zeros(self.for_processing.shape, np.float32)
+        add_scatter_kernel(
+            self.scatter_cells, float(self.cell_px), 0.0, 1.0, signal, np.zeros_like(signal)
+        )
+        return signal

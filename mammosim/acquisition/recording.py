@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition._kernels import add_scatter_kernel
+from mammosim.acquisition.attenuation import BEAM_MATERIALS
 from mammosim.acquisition.blocks import block_mean
 from mammosim.acquisition.blur import blur_shadow, spot_width_mm
 from mammosim.acquisition.coarse import CoarsePaths, coarse_paths
 from mammosim.acquisition.detectors import find_detector
 from mammosim.acquisition.exposure import TARGET_SIGNAL_KEV_MM2, dense_signal, kvp_by_thickness
+from mammosim.acquisition.grid_parts import grid_of, primary_part, scatter_behind_grid
 from mammosim.acquisition.noise import detect
-from mammosim.acquisition.scatter import SCATTER_MODELS, ScatterCase
+from mammosim.acquisition.scatter import SCATTER_MODELS, Scatter, ScatterCase
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import Response, primary, response
 from mammosim.acquisition.spectrum import Beam, make_beam
 from mammosim.compression import CompressedBreast
+from mammosim.geometry import Gantry
 from mammosim.projection import PathLengths
 from mammosim.tissues import composition
+
+ScatterModel = Callable[[ScatterCase], Scatter]
+"""A scatter model, as those of `SCATTER_MODELS`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +45,12 @@ class Arrival:
         Energy a pixel behind the grid, keV/mAs, and its second moment, keV2/mAs.
     scatter_to_primary : float
         In front of the grid, the median over the breast without its margin.
+    scatter : Scatter
+        What the scatter model found.
+    primary : ndarray of float32, [row, column], or None
+        Primary signal in front of the grid, not blurred, keV/mAs.
+    scatter_part : float
+        Part of the breast's scatter that the grid lets through.
     """
 
     paths: PathLengths
@@ -48,12 +61,14 @@ class Arrival:
     signal: NDArray[np.float32]
     square: NDArray[np.float32]
     scatter_to_primary: float
+    scatter: Scatter
+    primary: NDArray[np.float32] | None = None
+    scatter_part: float = 1.0
 
     @property
     def air_signal(self) -> float:
         """Signal of air behind the grid where it is brightest, keV/(pixel mAs)."""
-        grid = self.settings.grid_primary_transmission if self.settings.grid else 1.0
-        return self.unit.air_signal * grid
+        return self.unit.air_signal * primary_part(self.settings, self.unit)
 
     @property
     def dense_signal(self) -> float:
@@ -99,7 +114,14 @@ class Exposure:
 
 
 def arrive(
-    paths: PathLengths, settings: AcquisitionSettings, breast: CompressedBreast | None = None
+    paths: PathLengths,
+    settings: AcquisitionSettings,
+    breast: CompressedBreast | None = None,
+    *,
+    seed: int = 1,
+    dose_map: bool = False,
+    keep_primary: bool = False,
+    scatter_model: ScatterModel | None = None,
 ) -> Arrival:
     """What reaches the detector: primary, blurred by focal spot and pixel, and scatter.
 
@@ -109,23 +131,68 @@ def arrive(
     settings : AcquisitionSettings
     breast : CompressedBreast, optional
         Voxels for scatter models that want them, in place of `paths.breast`.
+    seed : int
+        Seed of the scatter model's random numbers.
+    dose_map : bool
+        Whether the dose of every voxel is wanted.
+    keep_primary : bool
+        Whether the primary is kept by itself.
+    scatter_model : callable, optional
+        In place of the one that the settings name.
     """
     materials = composition(settings.composition, settings.calcification)
     beam = beam_for(settings, paths)
-    detector = find_detector(settings.detector)
-    unit = response(beam, detector, paths.gantry, settings.support_mm, heel=settings.heel)
+    unit = response_for(settings, beam, paths.gantry)
     coarse = coarse_paths(paths, materials)
     signal, square = primary(paths, materials, unit)
+    kept = signal.copy() if keep_primary else None
     middle_mm = 0.5 * paths.thickness_mm
     spot_mm = spot_width_mm(settings.focal_spot_mm, paths.gantry, middle_mm)
     blur_shadow(signal, square, paths.pixel_mm, spot_mm)
-    case = ScatterCase(
+    case = scatter_case(
         block_mean(signal, coarse.cell), coarse.tissue_mm, coarse.cell, paths.gantry, beam,
-        detector, settings.support_mm, materials, breast or paths.breast,
+        settings, breast or paths.breast, seed=seed, dose_map=dose_map,
     )  # fmt: skip
-    scatter = SCATTER_MODELS[settings.scatter_model](case)
-    ratio = _add_scatter(signal, square, scatter, case.primary, coarse, settings)
-    return Arrival(paths, settings, beam, unit, coarse, signal, square, ratio)
+    scatter = (scatter_model or SCATTER_MODELS[settings.scatter_model])(case)
+    behind = scatter_behind_grid(scatter, settings, coarse.inside)
+    add_scatter_kernel(
+        behind, float(coarse.cell), primary_part(settings, unit), 1.0, signal, square
+    )
+    ratio = _median_ratio(scatter.signal, case.primary, coarse)
+    before = scatter.signal[coarse.inside].sum()
+    part = float(behind[coarse.inside].sum() / before) if before > 0.0 else 1.0
+    return Arrival(paths, settings, beam, unit, coarse, signal, square, ratio, scatter, kept, part)
+
+
+def scatter_case(
+    primary: NDArray[np.float64],
+    thickness_mm: NDArray[np.float64],
+    cell: int,
+    gantry: Gantry,
+    beam: Beam,
+    settings: AcquisitionSettings,
+    breast: CompressedBreast | None,
+    *,
+    seed: int = 1,
+    dose_map: bool = False,
+) -> ScatterCase:
+    """An exposure as the scatter model sees it."""
+    chosen = settings.scatter
+    return ScatterCase(
+        primary, thickness_mm, cell, gantry, beam, find_detector(settings.detector),
+        settings.support_mm, composition(settings.composition, settings.calcification), breast,
+        support=BEAM_MATERIALS[settings.support_material], paddle_mm=settings.paddle_mm,
+        grid=grid_of(settings), heel=settings.heel,
+        photons=None if isinstance(chosen, bool) else chosen.photons, seed=seed, dose_map=dose_map,
+    )  # fmt: skip
+
+
+def response_for(settings: AcquisitionSettings, beam: Beam, gantry: Gantry) -> Response:
+    """What a unit of exposure leaves in a pixel behind nothing but air and plates."""
+    return response(
+        beam, find_detector(settings.detector), gantry, settings.support_mm,
+        support_material=settings.support_material, heel=settings.heel,
+    )  # fmt: skip
 
 
 def beam_for(settings: AcquisitionSettings, paths: PathLengths) -> Beam:
@@ -144,22 +211,10 @@ def beam_for(settings: AcquisitionSettings, paths: PathLengths) -> Beam:
     )
 
 
-def _add_scatter(
-    signal: NDArray[np.float32],
-    square: NDArray[np.float32],
-    scatter: NDArray[np.float64],
-    primary_mean: NDArray[np.float64],
-    coarse: CoarsePaths,
-    settings: AcquisitionSettings,
+def _median_ratio(
+    scatter: NDArray[np.float64], primary_mean: NDArray[np.float64], coarse: CoarsePaths
 ) -> float:
-    """Add scatter and let the grid take its part, in place; return scatter over primary.
-
-    The ratio is that in front of the grid, the median over the breast without its margin.
-    """
-    parts = (1.0, 1.0)
-    if settings.grid:
-        parts = (settings.grid_primary_transmission, settings.grid_scatter_transmission)
-    add_scatter_kernel(scatter, float(coarse.cell), *parts, signal, square)
+    """Scatter over primary in front of the grid, the median over the breast without its margin."""
     breast = coarse.inside & (primary_mean > 0.0)
     return float(np.median(scatter[breast] / primary_mean[breast])) if breast.any() else 0.0
 

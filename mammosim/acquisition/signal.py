@@ -35,7 +35,8 @@ class Response:
     square_weight : ndarray of float64, [column or 1, n]
         Its second moment over the Swank factor, keV2/(pixel mAs).
     flat_depth : ndarray of float64, (n,)
-        Attenuation ``mu t`` of the flat layers in the way of a ray at right angles to them.
+        Attenuation ``mu t`` of the flat layers in the way of a ray at right angles to them, less
+        what the converter gains: both grow with the length of an oblique way.
     """
 
     energy_kev: NDArray[np.float64]
@@ -74,6 +75,7 @@ def response(
     gantry: Gantry,
     support_mm: float,
     *,
+    support_material: str = "carbon fibre",
     heel: bool = False,
     merged_bin_kev: float = MERGED_BIN_KEV,
 ) -> Response:
@@ -86,7 +88,9 @@ def response(
     gantry : Gantry
         Pixel pitch, and place of the focal spot.
     support_mm : float
-        Carbon fibre of breast support and detector cover, mm.
+        Breast support and detector cover, mm.
+    support_material : str
+        What they are made of, a name of `BEAM_MATERIALS`.
     heel : bool
         Whether the beam weakens towards the anode.
     merged_bin_kev : float
@@ -99,13 +103,14 @@ def response(
     signal by less than 0.1 per cent.
     """
     energy = beam.energy_kev
-    support = attenuation_per_mm(BEAM_MATERIALS["carbon fibre"], energy) * support_mm
+    support = attenuation_per_mm(BEAM_MATERIALS[support_material], energy) * support_mm
     flat = support + sum(
         attenuation_per_mm(BEAM_MATERIALS[name], energy) * length
         for name, length in beam.layers_mm.items()
     )
     photons = beam.fluence_at(gantry.focal_spot_height_mm) * gantry.pixel_mm**2 * np.exp(-support)
     photons *= detector.efficiency(energy)
+    flat = flat - detector.oblique_gain(energy)  # a slant also lengthens the way in the converter
     by_column = photons[None]
     if heel:
         tangent = rays_of(gantry).column_tangent
@@ -145,8 +150,8 @@ def primary(
     Notes
     -----
     ``cos^3(theta) sum_E N(E) eta(E) E exp(-sum_t mu_t(E) l_t - d(E) (1 / cos(theta) - 1))``, N for
-    a ray at right angles to the detector, d the depth of paddle, support and air. The converter
-    is counted at normal incidence for all rays.
+    a ray at right angles to the detector, d the depth of paddle, support and air less the
+    converter's gain (`Detector.oblique_gain`).
     """
     mu = np.stack(
         [attenuation_per_mm(materials[name], unit.energy_kev) for name in paths.materials], axis=1

@@ -19,6 +19,7 @@ from mammosim.acquisition.expose import (
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Mammogram
 from mammosim.acquisition.recording import Arrival, arrive, record
+from mammosim.acquisition.scatter_sweep import scatter_sweep
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import rays_of
 from mammosim.config import documents_keys, given_settings
@@ -117,11 +118,11 @@ def expose_arc(
 
     Notes
     -----
-    Load and dose are split evenly. The dose is that of the upright tube at the same load: Dance's
-    factors for oblique incidence (Dance, Young & van Engen 2011, Phys Med Biol 56:453), which
-    lower it by some per cent, are not applied. Scatter is that of the upright geometry, with the
-    oblique path as thickness. Not modelled: movement of the tube during an exposure, lag,
-    oblique entry into the converter, grid cut-off.
+    Load and dose are split evenly. Monte Carlo follows photons at three to five angles; scatter and
+    dose of the others are interpolated. Dance's dose is that of the upright tube at the same load:
+    his factors for oblique incidence (Dance, Young & van Engen 2011, Phys Med Biol 56:453), which
+    lower it by some per cent, are not applied. Kernels take the oblique path as thickness. Not
+    modelled: movement of the tube during an exposure, lag, grid cut-off.
     """
     settings = given_settings(AcquisitionSettings, settings, keys, "expose_arc()", ("acquisition",))
     if "grid" not in settings.model_fields_set:
@@ -130,10 +131,11 @@ def expose_arc(
     count, middle = len(arc), arc.middle
     paths = arc.paths(middle)
     watch(middle, paths)
+    sweep = scatter_sweep(arc.gantries, paths, arc.squeezed, settings, seed)
     if settings.mas is None:
-        pictured = settings.model_copy(update={"grid": True})
-        settings = settings.model_copy(update={"mas": arrive(paths, pictured).controlled_mas()})
-    arrival = arrive(paths, settings)
+        load = arrive(paths, _with_grid(settings), scatter_model=sweep).controlled_mas()
+        settings = settings.model_copy(update={"mas": load})
+    arrival = arrive(paths, settings, scatter_model=sweep, keep_primary=True)
     mas = arrival.controlled_mas() / count
     pixel_mm2 = arrival.paths.pixel_mm**2
     # A turned tube is nearer to the detector's plane, and air brighter by the square of that.
@@ -146,7 +148,11 @@ def expose_arc(
     stack = np.empty((count, gantry.rows, gantry.columns), np.uint16)
     signal, exposure = record(arrival, mas, _noise_of(seed, middle))
     shown = mammogram_of(arrival, exposure, signal, gain)
-    whole = {"projections": float(count), "dose_of_all_projections_mgy": shown.dose_mgy * count}
+    dose_mgy = shown.dose_mgy * count
+    if sweep is not None:
+        angles = np.array([turned.tube_angle_deg for turned in arc.gantries])
+        dose_mgy *= sweep.mean_dose_over(gantry.tube_angle_deg, angles)
+    whole = {"projections": float(count), "dose_of_all_projections_mgy": dose_mgy}
     shown = replace(shown, measures={**shown.measures, **whole})
     stack[middle] = shown.for_processing
     air = {middle: _air_of(arrival, mas * gain)}
@@ -154,14 +160,14 @@ def expose_arc(
     for index in (*range(middle), *range(middle + 1, count)):
         turned = arc.paths(index)
         watch(index, turned)
-        arrival = arrive(turned, settings)
+        arrival = arrive(turned, settings, scatter_model=sweep)
         air[index] = _air_of(arrival, mas * gain)
         signal, _ = record(arrival, mas, _noise_of(seed, index))
         stack[index] = to_counts(signal, gain)
     air_counts, flat_depth = zip(*(air[index] for index in range(count)), strict=True)
     return Tomosynthesis(
         stack, arc.gantries, shown, mas * count, shown.air_kerma_mgy * count,
-        shown.dose_mgy * count, gain, np.stack(air_counts), np.array(flat_depth),
+        dose_mgy, gain, np.stack(air_counts), np.array(flat_depth),
     )  # fmt: skip
 
 
@@ -169,6 +175,15 @@ def _air_of(arrival: Arrival, counts_mas_per_kev: float) -> tuple[NDArray[np.flo
     """Pixel value of air, [column or 1], and the attenuation of the flat layers."""
     profile = arrival.air_signal * arrival.unit.air_profile
     return counts_mas_per_kev * profile, arrival.unit.weights.mean_depth
+
+
+def _with_grid(settings: AcquisitionSettings) -> AcquisitionSettings:
+    """The settings of the mammogram whose dose a series is given."""
+    part = settings.grid_scatter_transmission
+    default = AcquisitionSettings.model_fields["grid_scatter_transmission"].default
+    return settings.model_copy(
+        update={"grid": True, "grid_scatter_transmission": default if part is None else part}
+    )
 
 
 def _noise_of(seed: int, index: int) -> np.random.Generator:

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from mammosim.acquisition.attenuation import attenuation_per_mm
 from mammosim.acquisition.detectors import Detector, find_detector
+from mammosim.acquisition.grid_parts import primary_part
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Mammogram
 from mammosim.acquisition.noise import noise_through_blur
-from mammosim.acquisition.recording import beam_for
+from mammosim.acquisition.recording import beam_for, response_for
 from mammosim.acquisition.settings import AcquisitionSettings
-from mammosim.acquisition.signal import Response, response
+from mammosim.acquisition.signal import Response
 from mammosim.config import documents_keys, given_settings
 from mammosim.geometry import Gantry
 from mammosim.phantom import BreastPhantom, Lesion
@@ -87,14 +88,12 @@ def lesion_visibility(
         AcquisitionSettings, settings, keys, "lesion_visibility()", ("acquisition",)
     )
     detector = find_detector(settings.detector)
-    unit = response(
-        beam_for(settings, paths), detector, paths.gantry, settings.support_mm, heel=settings.heel
-    )
+    unit = response_for(settings, beam_for(settings, paths), paths.gantry)
     materials = composition(settings.composition, settings.calcification)
     mu = np.stack(
         [attenuation_per_mm(materials[name], unit.energy_kev) for name in paths.materials]
     )
-    grid = settings.grid_primary_transmission if settings.grid else 1.0
+    grid = primary_part(settings, unit)
     found = {}
     for lesion in phantom.lesions:
         shadow = _core(paths, lesion)

@@ -44,6 +44,10 @@ class ExportKeys(TypedDict, total=False):
     """Write the path length in each lesion at every pixel, in mm, as 32-bit TIFF of one page a
     lesion. Default: False."""
 
+    dose_map: bool
+    """Write the absorbed dose of every voxel of the breast's coarse copy, in mGy, as NIfTI volume
+    (scatter model monte-carlo). Default: False."""
+
     date: str
     """Date that the DICOM objects carry, as YYYYMMDD; fixed, so that reruns are identical. Default:
     20000101."""

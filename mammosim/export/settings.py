@@ -44,6 +44,10 @@ class ExportSettings(Settings):
     """Write the path length in each lesion at every pixel, in mm, as 32-bit TIFF of one page a
     lesion."""
 
+    dose_map: bool = False
+    """Write the absorbed dose of every voxel of the breast's coarse copy, in mGy, as NIfTI volume
+    (scatter model monte-carlo)."""
+
     date: str = "20000101"
     """Date that the DICOM objects carry, as YYYYMMDD; fixed, so that reruns are identical."""
 

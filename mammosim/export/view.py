@@ -32,7 +32,12 @@ from mammosim.export.segmentation import write_segmentation
 from mammosim.export.settings import ExportSettings
 from mammosim.export.tables import write_compression, write_convergence
 from mammosim.export.victre import write_victre
-from mammosim.export.volumes import write_displacement, write_labels, write_lattice
+from mammosim.export.volumes import (
+    write_displacement,
+    write_dose_map,
+    write_labels,
+    write_lattice,
+)
 from mammosim.geometry import VoxelFrame
 from mammosim.projection import PathLengths
 from mammosim.targets import Target
@@ -137,6 +142,8 @@ def write_images(
         write_lesion_tiff(masks, mammogram, folder / "lesion_mask.tif")
     if settings.png:
         write_preview(mammogram, folder / "preview.png")
+    if settings.dose_map and mammogram.dose is not None and mammogram.dose.dose_map is not None:
+        write_dose_map(mammogram.dose.dose_map, mammogram.gantry, folder / "dose_map.nii.gz")
     if settings.path_lengths:
         write_path_lengths(paths, folder / "path_lengths.npz")
     if settings.glandular_thickness:

@@ -18,11 +18,12 @@ import numpy as np
 import SimpleITK as sitk
 from numpy.typing import NDArray
 
+from mammosim.acquisition import DoseMap
 from mammosim.compression import DisplacementField
 from mammosim.config import utf8_path
 from mammosim.errors import InputError
 from mammosim.export.atomic import whole_file
-from mammosim.geometry import View, VoxelFrame
+from mammosim.geometry import Gantry, View, VoxelFrame
 
 LPS_FROM_BREAST: NDArray[np.float64] = np.array(
     [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
@@ -102,6 +103,30 @@ def write_lattice(field: DisplacementField, path: str | PathLike[str]) -> None:
         If the file cannot be written.
     """
     write_labels(field.tissue.astype(np.uint8), field.frame, field.rotation, path)
+
+
+def write_dose_map(dose: DoseMap, gantry: Gantry, path: str | PathLike[str]) -> None:
+    """Write the absorbed dose of each voxel of the compressed breast, mGy, as 32-bit floats.
+
+    Parameters
+    ----------
+    dose : DoseMap
+    gantry : Gantry
+        Its view and where it stands.
+    path : path
+        Ends in ``.nii.gz``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    shift = np.array([gantry.detector_edge_mm, 0.0, gantry.support_z_mm])
+    first = dose.origin_mm + 0.5 * dose.spacing_mm + shift
+    nx, ny, nz = dose.mgy.shape
+    image = sitk.GetImageFromArray(np.ascontiguousarray(dose.mgy.transpose(2, 1, 0)))
+    _place(image, VoxelFrame(first, dose.spacing_mm, (nx, ny, nz)), gantry.view.rotation)
+    _write(image, path, dose.mgy.nbytes)
 
 
 def read_displacement(

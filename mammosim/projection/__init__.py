@@ -2,6 +2,7 @@
 
 from mammosim.projection.arc import Arc, project_arc
 from mammosim.projection.channels import channels_of, host_channel, planes_with_labels
+from mammosim.projection.coarse_copy import CoarseBreast, coarse_breast
 from mammosim.projection.detector_field import STANDARD_FORMATS_MM
 from mammosim.projection.feasible import check_field, check_memory, check_shadow
 from mammosim.projection.keys import ProjectionKeys, TomosynthesisKeys
@@ -14,6 +15,7 @@ from mammosim.projection.warp import compressed_labels
 __all__ = [
     "STANDARD_FORMATS_MM",
     "Arc",
+    "CoarseBreast",
     "PathLengths",
     "ProjectionKeys",
     "ProjectionSettings",
@@ -23,6 +25,7 @@ __all__ = [
     "check_field",
     "check_memory",
     "check_shadow",
+    "coarse_breast",
     "compressed_end",
     "compressed_labels",
     "host_channel",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,10 @@ class VoxelMap:
     clipped_fraction: float
 
 
+_latest: list[tuple[ref[CompressedBreast], VoxelMap]] = []
+"""The map made last and whose it is: projection and scatter of one view need the same."""
+
+
 def voxel_map(squeezed: CompressedBreast) -> VoxelMap:
     """Fold rotation and voxel grid into the inverse map, and find the density at its nodes.
 
@@ -60,8 +65,14 @@ def voxel_map(squeezed: CompressedBreast) -> VoxelMap:
     1/J of a cell is the exact volume of its eight mapped corners, joined trilinearly, over the
     cell's own. A node has the mean of the cells around it, weighted by the tissue in them; between
     nodes it is interpolated. A density that jumped from cell to cell would draw the grid into the
-    picture.
+    picture. The map of the breast asked for last is kept as long as that breast is.
     """
+    if not _latest or _latest[0][0]() is not squeezed:
+        _latest[:] = [(ref(squeezed, lambda gone: _latest.clear()), _made_map(squeezed))]
+    return _latest[0][1]
+
+
+def _made_map(squeezed: CompressedBreast) -> VoxelMap:
     inverse = squeezed.inverse
     if min(inverse.frame.shape) < 2:
         raise InputError(

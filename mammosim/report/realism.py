@@ -81,6 +81,11 @@ class Finding:
         return f"up to {high}" if self.low == 0.0 else f"{low} to {high}"
 
 
+# g c s of Dance's tables from 80 mm, 0.30 mm Al, 100 % gland to 20 mm, 0.60 mm Al, 0.1 % gland.
+_DOSE_PER_KERMA = (0.06, 0.75)
+_SCATTER_RATIO = (0.24, 1.1)
+
+
 def realism(squeezed: CompressedBreast, mammogram: Mammogram) -> list[Finding]:
     """Numbers that tell whether a view could be a real one.
 
@@ -96,7 +101,7 @@ def realism(squeezed: CompressedBreast, mammogram: Mammogram) -> list[Finding]:
         Always the same quantities in the same order.
     """
     found: tuple[Callable[[CompressedBreast, Mammogram], Finding], ...] = (
-        _texture, _density, _thickness, _force, _pressure, _dose, _noise,
+        _texture, _density, _thickness, _force, _pressure, _dose, _dose_per_kerma, _scatter, _noise,
     )  # fmt: skip
     return [one(squeezed, mammogram) for one in found]
 
@@ -179,6 +184,26 @@ def _dose(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
         "Mean glandular dose", "mGy", mammogram.dose_mgy, _LEAST_DOSE_MGY, limit,
         "European guidelines, 4th edition: acceptable level at this thickness; the lower end is "
         "assumed", 2,
+    )  # fmt: skip
+
+
+def _dose_per_kerma(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
+    value = (
+        mammogram.dose_mgy / mammogram.air_kerma_mgy if mammogram.air_kerma_mgy > 0.0 else math.nan
+    )
+    return Finding(
+        "Glandular dose over incident air kerma", "mGy/mGy", value, *_DOSE_PER_KERMA,
+        "Dance et al. 2000 (Phys Med Biol 45:3225): g c s for 20 to 80 mm and half-value layers of "
+        "0.3 to 0.6 mm Al; a fifth less for real distributions of gland is assumed", 2,
+    )  # fmt: skip
+
+
+def _scatter(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
+    return Finding(
+        "Scatter over primary without a grid", "",
+        mammogram.measures.get("scatter_to_primary_ratio", math.nan), *_SCATTER_RATIO,
+        "Boone et al. 2000 (Med Phys 27:2408): 0.24 to 0.89 for breasts of 2 to 8 cm; a quarter "
+        "more for paddle and support is assumed", 2,
     )  # fmt: skip
 
 

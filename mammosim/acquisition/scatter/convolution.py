@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from mammosim.acquisition.scatter.scatter_case import ScatterCase
+from mammosim.acquisition.scatter.scatter_case import Scatter, ScatterCase
 
 # SPR = 1 / (a + b D^-1.5 + c T^-0.5), D and T in cm: Boone, Lindfors, Cooper & Seibert 2000,
 # Med Phys 27:2408, "Scatter/primary in mammography: comprehensive results". Monte Carlo for
@@ -50,9 +50,9 @@ def boone_ratio(diameter_cm: float, thickness_cm: float) -> float:
     return float(1.0 / (a + b * diameter_cm**-1.5 + c * thickness_cm**-0.5))
 
 
-def scatter_by_kernels(case: ScatterCase) -> NDArray[np.float64]:
+def scatter_by_kernels(case: ScatterCase) -> Scatter:
     """The scatter model `kernels`: needs path lengths only, no voxels."""
-    return scatter_signal(case.primary, case.thickness_mm, case.cell_mm)
+    return Scatter(scatter_signal(case.primary, case.thickness_mm, case.cell_mm))
 
 
 def scatter_signal(

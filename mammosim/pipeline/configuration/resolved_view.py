@@ -45,6 +45,8 @@ class ResolvedView:
         How the tube moves, where the view is taken as a series of projections.
     biopsy : BiopsyPosition, optional
         Where `targets.biopsy` is asked for.
+    dose_map : bool
+        Whether `export.dose_map` asks for the dose of every voxel.
     """
 
     view: ViewName
@@ -53,6 +55,7 @@ class ResolvedView:
     acquisition: AcquisitionSettings
     tomosynthesis: TomosynthesisSettings | None = None
     biopsy: BiopsyPosition | None = None
+    dose_map: bool = False
 
     def position(self, laterality: str) -> View:
         """The view of one breast."""

@@ -101,7 +101,10 @@ class RunConfig(Settings):
                     )
             if not problems:
                 biopsy = self._biopsy_position(view, sections["compression"])
-                one = ResolvedView(view.view, **sections, tomosynthesis=view.dbt, biopsy=biopsy)
+                one = ResolvedView(
+                    view.view, **sections, tomosynthesis=view.dbt, biopsy=biopsy,
+                    dose_map=self.export.dose_map,
+                )  # fmt: skip
                 resolved.append(one)
         if not problems and self.targets.uncertainty is not None:
             problems += self._models_that_cannot_be_varied(resolved)

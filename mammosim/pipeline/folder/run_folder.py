@@ -41,7 +41,10 @@ from mammosim.report import (
 )
 from mammosim.targets import BiopsyResult, RuleError, ShiftUncertainty
 
-TECHNIQUE = ("target", "filter", "kvp", "mas", "hvl_mm_al", "air_kerma_mgy", "dose_mgy")
+TECHNIQUE = (
+    "target", "filter", "kvp", "mas", "hvl_mm_al", "air_kerma_mgy", "dose_mgy", "dose_method",
+    "scatter_model",
+)  # fmt: skip
 """Of a mammogram, in the run's record; of a series of projections, those of the middle one."""
 
 

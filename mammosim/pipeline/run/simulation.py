@@ -121,7 +121,9 @@ def simulate_view(
     position = view.position(breast.laterality)
     compressed = observe(compress)(breast, position, view.compression, seed=seed)
     paths = observe(project)(compressed, view.projection)
-    mammogram = observe(expose)(paths, view.acquisition, seed=noise_seed(seed, position.folder))
+    mammogram = observe(expose)(
+        paths, view.acquisition, seed=noise_seed(seed, position.folder), dose_map=view.dose_map
+    )
     visible = observe(lesion_visibility)(breast, paths, mammogram, view.acquisition)
     targets = observe(find_targets)(compressed, paths, visible)
     return ViewResult(compressed, paths, mammogram, tuple(targets))

@@ -1,0 +1,189 @@
+"""The scene that photons cross: breast, paddle, support, and the air around and below them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.acquisition.attenuation import BEAM_MATERIALS
+from mammosim.acquisition.monte_carlo._scene_kernels import Field, pack_voxels
+from mammosim.acquisition.monte_carlo._transport_kernels import DENSITY_STEPS, Space
+from mammosim.errors import InputError
+from mammosim.geometry import Gantry
+from mammosim.projection import CoarseBreast
+from mammosim.tissues import Material
+
+BEYOND_FIELD_MM = 40.0
+"""How far paddle and support go on beyond the field, mm."""
+
+MAX_MIXTURES = 60_000
+_TABLE_BITS = 17
+
+
+@dataclass(frozen=True)
+class Plates:
+    """Flat layers above and below the breast.
+
+    Parameters
+    ----------
+    paddle, support : Material
+    paddle_mm, support_mm : float
+        Their thicknesses, mm; 0 for none.
+    edge_mm : float
+        Gantry x of their chest-wall edge, mm.
+    """
+
+    paddle: Material
+    support: Material
+    paddle_mm: float
+    support_mm: float
+    edge_mm: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Cells with their mixtures.
+
+    Parameters
+    ----------
+    space : Space
+        Planes and words.
+    materials : tuple of Material
+        Of the breast, then of paddle and support, then air.
+    fraction : ndarray of float64, [mixture, material]
+        Volume fractions; they add up to one.
+    tissue : ndarray of bool, [mixture]
+        Mixtures of the breast, not of the plates.
+    in_field : ndarray of bool, [mixture]
+        Mixtures of voxels that the beam reaches.
+    mass_g : ndarray of float64, [mixture, material]
+        Mass of each material in all voxels of a mixture.
+    inner : tuple of slice
+        Where the breast's voxels are among the cells.
+    """
+
+    space: Space
+    materials: tuple[Material, ...]
+    fraction: NDArray[np.float64]
+    tissue: NDArray[np.bool_]
+    in_field: NDArray[np.bool_]
+    mass_g: NDArray[np.float64]
+    inner: tuple[slice, slice, slice]
+
+
+def make_scene(
+    breast: CoarseBreast, plates: Plates, gantry: Gantry, materials: Mapping[str, Material]
+) -> Scene:
+    """Put a coarse breast between its plates.
+
+    Parameters
+    ----------
+    breast : CoarseBreast
+    plates : Plates
+    gantry : Gantry
+    materials : mapping of str to Material
+        What the breast's materials are made of.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    InputError
+        If the breast holds more different mixtures than can be numbered.
+
+    Notes
+    -----
+    One large cell on each side of the breast's grid carries the plates on to `BEYOND_FIELD_MM`
+    beyond the field; one below the support is the air gap down to the detector. The air above the
+    paddle is not part of the scene.
+    """
+    breast_materials = (materials[name] for name in breast.materials)
+    used = (*breast_materials, plates.paddle, plates.support, BEAM_MATERIALS["air"])
+    below, above = 1 + int(plates.support_mm > 0.0), int(plates.paddle_mm > 0.0)
+    planes = _planes(breast, plates, gantry)
+    shape = tuple(plane.size - 1 for plane in planes)
+    one = np.uint32(round(DENSITY_STEPS)) << np.uint32(16)
+    words = np.full(shape, one, np.uint32)
+    nx, ny, nz = breast.shares.shape
+    inner = (slice(1, 1 + nx), slice(1, 1 + ny), slice(below, below + nz))
+    keys = _pack(breast, gantry, words[inner])
+    under = 0.5 * (planes[0][1:] + planes[0][:-1]) > plates.edge_mm
+    if above:
+        words[under, :, -1] = one | np.uint32(1)
+    if below == 2:
+        words[under, :, 1] = one | np.uint32(2)
+    fraction = np.zeros((3 + keys.size, len(used)))
+    fraction[1, -3] = fraction[2, -2] = 1.0
+    for column in range(len(breast.materials)):
+        shift = np.uint64(4 * column)
+        fraction[3:, column] = ((keys >> shift) & np.uint64(15)) / 8.0
+    fraction[:, -1] = 1.0 - fraction.sum(axis=1)
+    tissue = np.arange(len(fraction)) >= 3
+    in_field = np.concatenate([np.ones(3, bool), keys >> np.uint64(60) == 0])
+    space = Space(*planes, words.reshape(-1))
+    return Scene(
+        space, used, fraction, tissue, in_field, _masses(words[inner], breast, fraction, used),
+        inner,
+    )  # fmt: skip
+
+
+def _planes(
+    breast: CoarseBreast, plates: Plates, gantry: Gantry
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Planes between cells along x, y and z, mm."""
+    x, y, z = (
+        breast.origin_mm[axis] + np.arange(size + 1) * breast.spacing_mm[axis]
+        for axis, size in enumerate(breast.shares.shape)
+    )
+    far = BEYOND_FIELD_MM
+    x = np.concatenate([[x[0] - far], x, [max(x[-1], gantry.x_max_mm) + far]])
+    low, high = min(y[0], gantry.y_min_mm) - far, max(y[-1], gantry.y_max_mm) + far
+    y = np.concatenate([[low], y, [high]])
+    if plates.support_mm > 0.0:
+        z = np.concatenate([[z[0] - plates.support_mm], z])
+    z = np.concatenate([[-gantry.support_to_detector_mm], z])
+    if plates.paddle_mm > 0.0:
+        z = np.concatenate([z, [z[-1] + plates.paddle_mm]])
+    return x, y, z
+
+
+def _pack(breast: CoarseBreast, gantry: Gantry, words: NDArray[np.uint32]) -> NDArray[np.uint64]:
+    """Write the breast's words; the key of each mixture, whose numbers begin at 3."""
+    table = np.full(1 << _TABLE_BITS, np.iinfo(np.uint64).max, np.uint64)
+    numbers = np.zeros(table.size, np.int64)
+    keys = np.empty(MAX_MIXTURES, np.uint64)
+    bounds = np.array([0.0, gantry.x_max_mm, gantry.y_min_mm, gantry.y_max_mm])
+    field = Field(
+        breast.origin_mm, breast.spacing_mm, gantry.focal_spot_mm,
+        -gantry.support_to_detector_mm, bounds,
+    )  # fmt: skip
+    packed = np.empty(breast.shares.shape, np.uint32)
+    found = pack_voxels(breast.shares, breast.density, field, 3, table, numbers, keys, packed)
+    if found < 0:
+        raise InputError(
+            f"acquisition.scatter: the coarse copy of the breast holds more than {MAX_MIXTURES} "
+            "different mixtures of materials; choose model: kernels"
+        )
+    words[:] = packed
+    return keys[:found].copy()
+
+
+def _masses(
+    words: NDArray[np.uint32],
+    breast: CoarseBreast,
+    fraction: NDArray[np.float64],
+    materials: Sequence[Material],
+) -> NDArray[np.float64]:
+    """[mixture, material] mass in all voxels of a mixture, g."""
+    number = (words & np.uint32(0xFFFF)).ravel()
+    density = (words >> np.uint32(16)).ravel() / DENSITY_STEPS
+    volume_cm3 = np.bincount(number, density, minlength=len(fraction)) * (
+        np.prod(breast.spacing_mm) / 1000.0
+    )
+    per_cm3 = np.array([material.density_g_cm3 for material in materials])
+    return volume_cm3[:, None] * fraction * per_cm3

@@ -1,0 +1,174 @@
+"""The compressed breast on a coarse grid: how much of each material a voxel holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.compression import CompressedBreast
+from mammosim.errors import InputError
+from mammosim.geometry import Gantry
+from mammosim.projection._coarse_kernels import SampledAs, carry_density, fold_labels
+from mammosim.projection._grid_kernels import carry_labels
+from mammosim.projection.channels import Channels, channels_of, host_channel
+from mammosim.projection.voxel_map import VoxelMap, voxel_map
+
+MAX_MATERIALS = 15
+"""Materials that the shares of a voxel can tell apart, four bits each."""
+
+MAX_VOXELS = 16_000_000
+"""Most coarse voxels: their labels, shares and densities take 20 bytes each, 320 MB."""
+
+BEHIND_EDGE_MM = 30.0
+"""How far tissue behind the detector's edge is kept, mm; two mean free paths of 20 keV photons."""
+
+BESIDE_FIELD_MM = 30.0
+"""How far tissue beside the field is kept, mm."""
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseBreast:
+    """Tissue between the plates on a grid of coarse voxels.
+
+    Parameters
+    ----------
+    origin_mm : ndarray, (3,)
+        Lowest corner of the grid, **gantry frame**, mm.
+    spacing_mm : ndarray, (3,)
+        Edges of a voxel, mm.
+    materials : tuple of str
+        Materials that are told apart.
+    shares : ndarray of uint64, [x, y, z]
+        How many eighths of a voxel each material fills: four bits a material, the first lowest.
+    density : ndarray of float32, [x, y, z]
+        Density against that before compression.
+    """
+
+    origin_mm: NDArray[np.float64]
+    spacing_mm: NDArray[np.float64]
+    materials: tuple[str, ...]
+    shares: NDArray[np.uint64]
+    density: NDArray[np.float32]
+
+    def fraction(self, material: str) -> NDArray[np.float64]:
+        """[x, y, z] volume fraction of a material."""
+        shift = np.uint64(4 * self.materials.index(material))
+        return ((self.shares >> shift) & np.uint64(15)) / 8.0
+
+
+def coarse_breast(squeezed: CompressedBreast, gantry: Gantry, voxel_mm: float) -> CoarseBreast:
+    """Copy the compressed breast onto a coarse grid, for radiation transport.
+
+    Parameters
+    ----------
+    squeezed : CompressedBreast
+    gantry : Gantry
+    voxel_mm : float
+        Edge of a coarse voxel, mm; along the plates' normal as near to it as divides the gap.
+
+    Returns
+    -------
+    CoarseBreast
+
+    Raises
+    ------
+    InputError
+        If the grid would have more than `MAX_VOXELS` voxels.
+
+    Notes
+    -----
+    Eight points of each voxel are looked up, so that fractions are eighths and no tissue is lost
+    on average however thin it is. Tissue above the paddle's or below the support's face is left
+    out, as is what lies more than `BEHIND_EDGE_MM` behind the detector's edge or more than
+    `BESIDE_FIELD_MM` beside the field.
+    """
+    mapped = voxel_map(squeezed)
+    low, high = _box_mm(squeezed, mapped, gantry, voxel_mm)
+    counts = np.maximum(np.ceil((high - low) / voxel_mm - 1e-6), 1.0)
+    if np.prod(counts) > MAX_VOXELS:
+        raise InputError(
+            f"acquisition.scatter: the compressed breast needs {np.prod(counts):.3g} voxels of "
+            f"{voxel_mm:g} mm, at most {MAX_VOXELS:.3g} are allowed; choose model: kernels"
+        )
+    nx, ny, nz = (int(count) for count in counts)
+    spacing = np.array([voxel_mm, voxel_mm, (high[2] - low[2]) / nz])
+    labels = np.empty((2 * nx, 2 * ny, 2 * nz), np.uint8)
+    shift = np.array([gantry.detector_edge_mm, 0.0, gantry.support_z_mm])
+    carry_labels(
+        *_axes(mapped, low + shift, 0.5 * spacing, labels.shape),
+        mapped.nodes, squeezed.phantom.labels, labels,
+    )  # fmt: skip
+    density = np.empty((nx, ny, nz), np.float32)
+    carry_density(*_axes(mapped, low + shift, spacing, density.shape), mapped.nodes, density)
+    materials, sampled = _sampled_as(squeezed, channels_of(squeezed.phantom))
+    return CoarseBreast(low, spacing, materials, fold(labels, sampled), density)
+
+
+def fold(labels: NDArray[np.uint8], sampled: SampledAs) -> NDArray[np.uint64]:
+    """Shares [x, y, z] of blocks of 2 x 2 x 2 labels."""
+    nx, ny, nz = (size // 2 for size in labels.shape)
+    shares = np.empty((nx, ny, nz), np.uint64)
+    fold_labels(labels, sampled, shares)
+    return shares
+
+
+def _box_mm(
+    squeezed: CompressedBreast, mapped: VoxelMap, gantry: Gantry, voxel_mm: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest corner of what is copied, gantry frame, mm."""
+    bounds = []
+    for axis in range(3):
+        others = tuple(other for other in range(3) if other != axis)
+        cells = np.flatnonzero(mapped.tissue.any(axis=others))
+        bounds.append((cells[0], cells[-1] + 1))
+    index_low, index_high = np.array(bounds).T
+    shift = np.array([gantry.detector_edge_mm, 0.0, gantry.support_z_mm])
+    low = mapped.frame.position_mm(index_low) - shift
+    high = mapped.frame.position_mm(index_high) - shift
+    low[0] = max(low[0], -BEHIND_EDGE_MM)
+    high[0] = min(high[0], gantry.x_max_mm + BESIDE_FIELD_MM)
+    low[1] = max(low[1], gantry.y_min_mm - BESIDE_FIELD_MM)
+    high[1] = min(high[1], gantry.y_max_mm + BESIDE_FIELD_MM)
+    # The detector's edge is a plane between voxels, so that none is cut by the beam's edge.
+    low[:2] = np.floor(np.minimum(low[:2], [0.0, np.inf]) / voxel_mm) * voxel_mm
+    low[2], high[2] = 0.0, squeezed.thickness_mm
+    return low, np.maximum(high, low)
+
+
+def _axes(
+    mapped: VoxelMap,
+    low_mm: NDArray[np.float64],
+    spacing_mm: NDArray[np.float64],
+    shape: tuple[int, ...],
+) -> list[NDArray[np.float64]]:
+    """Centres of voxels along each axis as fractional nodes, held inside the grid."""
+    last = np.array(mapped.frame.shape) - 1.0
+    axes = []
+    for axis, count in enumerate(shape):
+        place = low_mm[axis] + (np.arange(count) + 0.5) * spacing_mm[axis]
+        index = (place - mapped.frame.origin_mm[axis]) / mapped.frame.spacing_mm[axis]
+        axes.append(np.clip(index, 0.0, last[axis]))
+    return axes
+
+
+def _sampled_as(
+    squeezed: CompressedBreast, channels: Channels
+) -> tuple[tuple[str, ...], SampledAs]:
+    """Materials that occur, and what each label counts as."""
+    materials = tuple(dict.fromkeys(channels.materials))
+    material = np.full(256, -1, np.int64)
+    host, fill = material.copy(), np.ones(256)
+    for label in range(256):
+        channel = int(channels.of_label[label])
+        if channel < len(channels):
+            material[label] = materials.index(channels.materials[channel])
+    for lesion in channels.lesions:
+        if lesion is None or lesion.fill == 1.0:
+            continue
+        around = host_channel(squeezed.phantom, lesion, channels)
+        if around is not None:
+            host[lesion.label] = materials.index(channels.materials[around])
+            fill[lesion.label] = lesion.fill
+    return materials, SampledAs(material, host, fill)
