@@ -212,7 +212,7 @@ def detector(mammogram: Mammogram) -> dict[str, Any]:
 
 def _converter(mammogram: Mammogram) -> str:
     found = DETECTORS.get(mammogram.detector)
-    return found.material if found else ""
+    return (found.material or "") if found else ""
 
 
 def breast_pixel_mm(gantry: Gantry) -> float:
