@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.spectrum import make_beam
+from mammosim.acquisition.tube import KVP_RANGE
 from mammosim.tissues import composition
 
 
 def check_acquisition(settings: AcquisitionSettings) -> None:
-    """Read the composition and the spectrum that the settings name.
+    """Read the composition and the spectrum that the settings name, and look through the filter.
 
     Parameters
     ----------
@@ -18,10 +19,13 @@ def check_acquisition(settings: AcquisitionSettings) -> None:
     Raises
     ------
     InputError
-        If a file is missing or its content cannot be used.
+        If a file is missing or its content cannot be used, or no photon passes the filter.
     """
     composition(settings.composition, settings.calcification)
-    if settings.spectrum_file is not None:
-        make_beam(
-            settings.target, settings.filter, settings.kvp, spectrum_file=settings.spectrum_file
-        )
+    # A voltage that is left out follows from the thickness: if none passes, the highest does not.
+    highest = KVP_RANGE[1] if settings.spectrum_file is None else None
+    make_beam(
+        settings.target, settings.filter, settings.kvp or highest,
+        filter_mm=settings.filter_mm, paddle_mm=settings.paddle_mm,
+        spectrum_file=settings.spectrum_file,
+    )  # fmt: skip

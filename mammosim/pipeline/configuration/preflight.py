@@ -20,15 +20,10 @@ from mammosim.phantom import BreastPhantom, PhantomSettings, box_text, make_phan
 from mammosim.pipeline.configuration.resolved_view import ResolvedView
 from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.projection import (
-    STANDARD_FORMATS_MM,
     check_field,
     check_memory,
     check_shadow,
 )
-
-CROWDED = 0.6
-"""Part of the largest detector that the outline of a breast may take before its shadow under
-compression is looked at: compression makes it up to half as long again."""
 
 UNSURE = 1.05
 """Error of a shadow from a coarse lattice: what exceeds the detector by less is left to the run."""
@@ -78,15 +73,8 @@ def check_settings(config: RunConfig) -> None:
         raise InputError(dict.fromkeys(problems))
 
 
-def check_detectors(config: RunConfig, breast: BreastPhantom, part: float = 1.0) -> None:
+def check_detectors(config: RunConfig, breast: BreastPhantom) -> None:
     """Refuse detectors that cannot hold a breast, before it is compressed.
-
-    Parameters
-    ----------
-    config : RunConfig
-    breast : BreastPhantom
-    part : float
-        Of the detector's sides, that the breast may take.
 
     Raises
     ------
@@ -98,10 +86,6 @@ def check_detectors(config: RunConfig, breast: BreastPhantom, part: float = 1.0)
         projection, edge_mm = view.projection, view.projection.detector_edge_mm
         if edge_mm is None:
             edge_mm = plate_edge_mm(view.compression, *held_tissue(view.compression, breast))
-        if part != 1.0:
-            height, width = projection.detector_mm or STANDARD_FORMATS_MM[-1]
-            smaller = {"detector_mm": (part * height, part * width)}
-            projection = projection.model_copy(update=smaller)
         position = replace(
             view.position(breast.laterality), in_compression_frame=breast.compressed is not None
         )
@@ -147,33 +131,31 @@ def check_compression(config: RunConfig, breast: BreastPhantom, slack_mm: float 
 
 
 def _check_shadows(config: RunConfig, breast: BreastPhantom) -> None:
-    """Refuse detectors that the compressed breast's shadow would certainly exceed.
+    """Refuse focal spots and detectors that the compressed breast certainly does not fit.
 
-    The breast is compressed on a coarse lattice of springs, in about a second, where its outline
-    alone would already take much of the largest format.
+    The breast is compressed on a coarse lattice of springs, in about a second.
     """
     problems: list[str] = []
     for view in config.resolved_views:
-        if not MODELS[view.compression.model].compresses or view.projection.detector_edge_mm:
-            continue
-        try:
-            check_detectors(config, breast, CROWDED)
-        except InputError:
-            problems += _shadow_problems(breast, view)
+        problems += _shadow_problems(breast, view)
     if problems:
         raise InputError(problems)
 
 
 def _shadow_problems(breast: BreastPhantom, view: ResolvedView) -> list[str]:
     settings, projection = view.compression, view.projection
+    compresses = MODELS[settings.model].compresses
     keys = {"thickness_mm", "support_z_mm", "paddle_z_mm", "plate_edge_mm", "mlo_angle_deg"}
     coarse = CompressionSettings(
         **settings.model_dump(include=keys),
         resolution_mm=max(settings.resolution_mm, SHADOW_LATTICE_MM),
     )
     own = settings.model == coarse.model and settings.resolution_mm >= SHADOW_LATTICE_MM
+    own = own or not compresses
     try:
-        compressed = compress(breast, view.position(breast.laterality), coarse)
+        compressed = compress(
+            breast, view.position(breast.laterality), coarse if compresses else settings
+        )
     except (InputError, NotConverged):
         return []  # the run itself says it better
     try:
