@@ -128,11 +128,12 @@ class Body:
     @cached_property
     def _parts(self) -> list[Part]:
         """What has energy beside the elements."""
-        skin, parts = self.structure.skin, list[Part]()
+        skin, tension = self.structure.skin, 0.0
+        parts = list[Part]()
         if skin is not None:
-            points = SurfacePoints.of(self.fraction, self.free)
-            parts.append(Membrane.of(points, skin.covers(points), skin.tension))
-            parts.append(SurfaceCells.of(self.active, self.shear, skin.tension))
+            points, tension = SurfacePoints.of(self.fraction, self.free), skin.tension
+            parts.append(Membrane.of(points, skin.covers(points), tension))
+        parts.append(SurfaceCells.of(self.active, self.shear, tension))
         if self.structure.fascia > 0.0:
             parts.append(Fascia.of(self.fraction, self.active, self.structure.fascia))
         if self.structure.mass is not None:

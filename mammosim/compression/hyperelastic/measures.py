@@ -56,6 +56,8 @@ def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float
         error_mm=state.last.error * edge,
         largest_error_mm=state.last.largest_error * edge,
     )
+    if mesh.body.structure.skin is not None:
+        measures["skin_mm"] = mesh.body.structure.skin.thickness * edge
     return measures
 
 

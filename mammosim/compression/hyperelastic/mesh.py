@@ -29,7 +29,7 @@ from mammosim.tissues import (
     poisson_ratio,
 )
 
-VOXELS_ACROSS = 2.0
+VOXELS_ACROSS = 1.5
 """Skin thinner than this many voxels has no thickness that could be measured."""
 
 BEHIND_WALL = 0.5
