@@ -77,6 +77,15 @@ class CompressedBreast:
         """Force on the paddle, N."""
         return self.measures["force_n"]
 
+    @property
+    def error_mm(self) -> tuple[float, float]:
+        """Estimated distance from equilibrium, mean and largest, mm; NaN where it is not known."""
+        missing = float("nan")
+        mean, largest = (
+            float(self.measures.get(key, missing)) for key in ("error_mm", "largest_error_mm")
+        )
+        return mean, largest
+
     def displacement_at(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """(n, 3) displacement in mm at uncompressed points (n, 3), both in the breast frame."""
         return self.field.displacement_at(points_mm)
