@@ -9,7 +9,8 @@ lattice of springs. Written are `shifts.csv`, one line a lesion and view, `summa
 picture. `along_mm` is as in lesions.csv, where both plates close on the middle of the breast;
 `from_support_mm` is the same seen from the breast support, on which the breast lies. With
 `--samples` instead: the time of that many samples of `targets.uncertainty` for the quickstart's
-breast in CC, compressed as there by elements of 3 mm, or by springs of 1 mm on a fixed wall with the same moduli; its lesions' ellipsoids; and shifts.npy, [sample, target, 3].
+breast in CC, compressed as there by elements of 3 mm, or by springs of 1 mm on a fixed wall with
+the same moduli; its lesions' ellipsoids; and shifts.npy, [sample, target, 3].
 """
 
 from __future__ import annotations

@@ -77,7 +77,8 @@ def line(squeezed: CompressedBreast, seconds: float) -> str:
     m, last = squeezed.measures, squeezed.history[-1]
     return (
         f"{seconds:6.1f} s, {squeezed.history.size} steps, out of balance "
-        f"{m['out_of_balance']:.3f}, error {m['error_mm']:.4f} mm, gap {squeezed.thickness_mm:.1f} mm, {m['force_n']:.1f} N, "
+        f"{m['out_of_balance']:.3f}, error {m['error_mm']:.4f} mm, "
+        f"gap {squeezed.thickness_mm:.1f} mm, {m['force_n']:.1f} N, "
         f"volume {m['volume_ratio']:.4f}, "
         f"{m['inverted_cells']:.0f} folded of {m['cells']:.0f}, smallest J {m['smallest_j']:.3f}, "
         f"{last['element_mm']:g} mm"
