@@ -130,3 +130,10 @@ def test_a_breast_too_large_for_the_copy_is_refused(monkeypatch, paths):
     monkeypatch.setattr("mammosim.projection.coarse_copy.MAX_VOXELS", 1000)
     with pytest.raises(InputError, match=r"needs .* voxels of 1 mm, at most 1e\+03 are allowed"):
         expose(paths, **KEYS)
+
+
+def test_scatter_over_primary_that_no_breast_has_is_noted(paths, image):
+    """Lengths that attenuate three times what the voxels do leave less primary than there is."""
+    dim = expose(replace(paths, attenuating_mm=3.0 * paths.attenuating_mm), grid=False, **KEYS)
+    assert any("scatter-to-primary ratio in front of the grid: found" in n for n in dim.notes)
+    assert not any("scatter-to-primary" in note for note in image.notes)

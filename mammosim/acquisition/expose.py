@@ -21,12 +21,11 @@ from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import rays_of
 from mammosim.compression import CompressedBreast
 from mammosim.config import documents_keys, given_settings
+from mammosim.plausibility import doubts
 from mammosim.projection import PathLengths
 
 WHITE = 16383  # 14 bits
 COUNTS_PER_KEV_MM2 = 3.0e-5  # puts what exposure control aims at near 255 of 16383
-# Boone et al. 2000 (Med Phys 27:2408) find 0.24 to 0.89 for 2 to 8 cm; the rest is assumed.
-PLAUSIBLE_SCATTER_RATIO = (0.1, 1.5)
 CLEAR_OF_WHITE = 1.05  # room for noise above the brightest pixel of air
 
 
@@ -257,12 +256,7 @@ def _dose(dose: Dose) -> dict[str, float]:
 
 def _implausible(arrival: Arrival) -> tuple[str, ...]:
     """A note where scatter over primary is not that of a breast."""
-    low, high = PLAUSIBLE_SCATTER_RATIO
-    ratio = arrival.scatter_to_primary
-    modelled = arrival.settings.scatter_model != "none" and arrival.coarse.inside.any()
-    if not modelled or low <= ratio <= high:
+    if arrival.settings.scatter_model == "none" or not arrival.coarse.inside.any():
         return ()
-    return (
-        f"scatter over primary in the breast's middle is {ratio:.2f} without a grid, outside the "
-        f"{low:g} to {high:g} of compressed breasts",
-    )
+    found = doubts({"scatter_to_primary_ratio": arrival.scatter_to_primary})
+    return tuple(str(doubt) for doubt in found)
