@@ -203,7 +203,7 @@ def test_refused_before_anything_is_computed(
 
 def test_a_generated_breast_is_too_large_for_a_small_detector(folder):
     path = write(
-        folder, "generated.yaml", phantom={"generate": {"volume_ml": 400}},
+        folder, "generated.yaml", phantom={"generate": {"volume_ml": 400, "voxel_mm": 0.5}},
         projection={"detector_mm": [100, 150]}, views=["CC", {"dbt": "MLO"}],
     )  # fmt: skip
     result = invoke("check", path)

@@ -94,7 +94,7 @@ def generate_phantom(
 GenerateSettings
         Density class; or all settings as one object.
     voxel_mm : float, optional
-        Voxel size, mm, default 0.5. The anatomy is the same at every size.
+        Voxel size, mm, default 0.2. The anatomy is the same at every size.
     seed : int
         Seed, 0 or more: the same seed gives the same voxels whatever the number of threads.
     laterality : {"L", "R"}
