@@ -164,6 +164,12 @@ def _sampled_as(
         channel = int(channels.of_label[label])
         if channel < len(channels):
             material[label] = materials.index(channels.materials[channel])
+    for order, shares in enumerate(channels.shares):  # mixtures of two: one fills part of the other
+        label = int(np.flatnonzero(channels.of_label == len(channels) + order)[0])
+        part, rest = np.argsort(-shares)[[1, 0]]
+        material[label] = materials.index(channels.materials[part])
+        host[label] = materials.index(channels.materials[rest])
+        fill[label] = shares[part]
     for lesion in channels.lesions:
         if lesion is None or lesion.fill == 1.0:
             continue
