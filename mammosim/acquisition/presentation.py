@@ -46,6 +46,10 @@ has it, shows half of gland's attenuation at a third of the range, for clinical 
 0.36. Muscle, with two to four times the contrast of gland, lies on the shoulder; on clinical MLO
 images it is at 0.34 to 0.81."""
 
+DETAIL_CONTRAST = 0.55
+"""Weak details are shown as if the contrast (ln) of gland above fat were no larger: those of dense
+breasts do not fade as the scale of the base widens."""
+
 FLOOR_CONTRAST = 0.3
 """The base goes no further below fat than this part of the contrast: it takes no part in air."""
 
@@ -125,8 +129,9 @@ def present(
         radius = max(1, round(BASE_RADIUS_MM / margin.cell_mm))
         base = _base(np.maximum(equalized, low - FLOOR_CONTRAST * contrast), radius)
         fat_place = TOE * (1.0 + np.log(FAT_GREY / TOE))  # what the toe shows as fat's grey
+        gain = LOOKS[look].gain * max(contrast / DETAIL_CONTRAST, 1.0)
         curve = ToneCurve(
-            low, contrast, fat_place, GLAND_GREY, TOE, SHOULDER, WHITE, LOOKS[look].gain, EDGE_START
+            low, contrast, fat_place, GLAND_GREY, TOE, SHOULDER, WHITE, gain, EDGE_START
         )
         smooth = _without_finest(attenuation, LOOKS[look].noise_sigma_mm / pixel_mm)
         present_kernel(smooth, missing, edge, base, float(cell), curve, float(MAXIMUM), pixels)
