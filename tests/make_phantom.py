@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mammosim.phantom import BreastPhantom
+from mammosim.projection import ProjectionSettings
 from mammosim.tissues import TISSUES
 
 LABELS = {tissue.label: name for name, tissue in TISSUES.items()}
@@ -35,3 +36,8 @@ def half_ellipsoid_breast(
         shift = np.asarray(origin_mm) - origin
         origin, nipple = origin + shift, nipple + shift
     return BreastPhantom(labels, voxel, origin, laterality, LABELS, nipple, source="test breast")
+
+
+def far_away(**keys) -> ProjectionSettings:
+    """Settings of a projection from 1 km away, farther than a configuration may ask for."""
+    return ProjectionSettings(**keys).model_copy(update={"source_to_detector_mm": 1e6})

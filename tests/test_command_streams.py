@@ -109,6 +109,8 @@ def test_limits_of_memory_are_known(monkeypatch):
 
 
 def test_completion_can_be_installed(folder):
-    done = shell(folder, "mammosim --show-completion bash", HOME=str(folder), SHELL="/bin/bash")
+    done = shell(
+        folder, "mammosim --show-completion bash; exit $?", HOME=str(folder), SHELL="/bin/bash"
+    )
     assert done.returncode == 0, done.stderr
     assert "complete" in done.stdout

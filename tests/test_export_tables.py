@@ -140,7 +140,7 @@ def test_a_views_folder_holds_the_promised_files_and_reruns_are_identical(tmp_pa
         "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm", "lesion_outlines.dcm",
         "compressed.nii.gz",
         "displacement.nii.gz", "lattice.nii.gz", "convergence.csv", "compression.json",
-        "geometry.json",
+        "geometry.json", "labels.json", "labels.ctbl",
     }  # fmt: skip
     assert files == write_folder(tmp_path / "again", ExportSettings())
 

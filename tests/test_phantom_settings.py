@@ -68,8 +68,10 @@ def check(folder: Path, **phantom):
 
 def test_check_takes_a_folder_and_refuses_what_cannot_be(tmp_path):
     save_series(tmp_path / "series", small_breast())
-    result = check(tmp_path, file="series", labels="breast-ct")
-    assert result.exit_code == 0, result.output
+    result = check(tmp_path, file="series", labels="victre")
+    # The folder is read; its breast of a few voxels is too small for plates, and nothing else.
+    assert result.exit_code == 2
+    assert re.fullmatch(r"error: compression.plate_edge_mm: .*must be smaller\n", result.output)
     for phantom, message in (
         ({"labels": "nowhere"}, "phantom.labels: found 'nowhere'"),
         ({"labels": "no.yaml"}, "no.yaml: no such file"),

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from make_phantom import far_away
 from naive.projection import inverse_map, phantom, squeezed, unsqueezed
 
 from mammosim.projection import project
@@ -81,7 +82,7 @@ def test_parallel_beam_sees_a_block_at_its_own_size():
     """From far away the shadow of a block is its own size."""
     labels = np.full((20, 30, 10), ADIPOSE, dtype=np.uint8)
     breast = unsqueezed(phantom(labels, 1.0, [0.5, -14.5, 0.5]))
-    paths = project(breast, pixel_mm=0.5, source_to_detector_mm=1e6)
+    paths = project(breast, far_away(pixel_mm=0.5))
     lengths = paths.length_mm[0]
     assert lengths.max() == pytest.approx(10.0, rel=1e-5)
     assert lengths.sum(dtype=float) * 0.25 == pytest.approx(labels.size, rel=1e-5)
@@ -101,8 +102,8 @@ def test_affine_compression_keeps_mass():
     breast = squeezed_block(
         2.0, lambda p: p / stretch, high=(44.0, 36.0, 16.0), plates_mm=(-12.0, 12.0), edge_mm=-1.0
     )
-    keys = {"pixel_mm": 0.25, "source_to_detector_mm": 1e6, "detector_mm": [80.0, 60.0]}
-    paths = project(breast, **keys)
+    keys = {"pixel_mm": 0.25, "detector_mm": [80.0, 60.0]}
+    paths = project(breast, far_away(**keys))
     labels = breast.phantom.labels
     for order, label in enumerate([ADIPOSE, GLAND]):
         before = np.count_nonzero(labels == label)
@@ -112,7 +113,7 @@ def test_affine_compression_keeps_mass():
         plain = paths.length_mm[order].sum(dtype=float) * 0.25**2
         assert plain == pytest.approx(before * np.prod(stretch), rel=1e-3)
     assert paths.clipped_fraction == 0.0
-    unweighted = project(breast, conserve_mass=False, **keys)
+    unweighted = project(breast, far_away(conserve_mass=False, **keys))
     assert unweighted.attenuating_mm is unweighted.length_mm
     np.testing.assert_array_equal(unweighted.length_mm, paths.length_mm)
 
@@ -129,7 +130,7 @@ def bent(points):
 
 def test_smooth_compression_keeps_mass():
     breast = squeezed_block(1.0, bent, plates_mm=(-21.0, 21.0), edge_mm=-4.0)
-    paths = project(breast, pixel_mm=0.2, source_to_detector_mm=1e6, detector_mm=[80.0, 60.0])
+    paths = project(breast, far_away(pixel_mm=0.2, detector_mm=[80.0, 60.0]))
     before = breast.phantom.labels.size
     after = paths.attenuating_mm.sum(dtype=float) * 0.04
     # Second order in the 1 mm grid, and whole pixels at the block's edge.

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from make_phantom import far_away
 from naive.projection import phantom, unsqueezed
 
 from mammosim.geometry import VoxelFrame
@@ -42,10 +43,10 @@ def test_a_comb_of_voxels_fades_as_a_gaussian_of_a_third_of_a_voxel_fades_it():
     labels = np.full((20, 64, 6), ADIPOSE, np.uint8)
     labels[:, ::2] = 29
     comb = unsqueezed(phantom(labels, 1.0, [0.5, -31.5, 0.5]), plates_mm=(0.0, 6.0))
-    keys = {"pixel_mm": 0.25, "source_to_detector_mm": 1e6, "detector_mm": [80.0, 30.0]}
+    keys = {"pixel_mm": 0.25, "detector_mm": [80.0, 30.0]}
     waves = []
     for smooth in (True, False):
-        gland = project(comb, smooth_voxels=smooth, **keys).attenuating_mm[1, 96:224, 40]
+        gland = project(comb, far_away(smooth_voxels=smooth, **keys)).attenuating_mm[1, 96:224, 40]
         waves.append(np.abs(np.fft.rfft(gland.astype(float)))[16])  # 32 mm hold 16 waves
     expected = np.exp(-2.0 * np.pi**2 * SMOOTHING_VOXELS**2 / 4.0)
     # The Gaussian is sampled on pixels of a quarter of a voxel and cut off at three deviations.

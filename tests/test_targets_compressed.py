@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from make_phantom import far_away
 from naive.projection import phantom, plain_projection
 
 from mammosim.compression import compress
@@ -43,9 +44,9 @@ def compressed():
 
 def test_springs_keep_mass_but_for_what_is_clipped(compressed):
     paths = project(
-        compressed, pixel_mm=0.5, source_to_detector_mm=1e6, detector_edge_mm=-3.0,
-        support_to_detector_mm=30.0,
-    )  # fmt: skip
+        compressed,
+        far_away(pixel_mm=0.5, detector_edge_mm=-3.0, support_to_detector_mm=30.0),
+    )
     before = np.count_nonzero(compressed.phantom.labels) * 8.0
     after = paths.attenuating_mm.sum(dtype=float) * 0.25
     # Clipped cells are off by their own share; the rest is second order in the 2 mm lattice.

@@ -45,7 +45,7 @@ def test_files_of_a_series(finished):
     assert found == {
         "projections.tif", "lesion_mask.tif", "preview.png", "compressed.nii.gz",
         "displacement.nii.gz", "lattice.nii.gz", "convergence.csv", "compression.json",
-        "geometry.json",
+        "geometry.json", "labels.json", "labels.ctbl",
     }  # fmt: skip
     assert (finished / "LCC" / "for_presentation.dcm").exists()
 
@@ -97,7 +97,7 @@ def test_the_preview_and_the_table_are_the_middle_projection(finished):
     assert {row["view"] for row in rows} == {"CC", "CC_DBT"}
     grey = np.asarray(Image.open(finished / "LCC_DBT" / "preview.png"))
     assert grey.shape == tifffile.imread(finished / "LCC_DBT" / "projections.tif").shape[1:]
-    assert grey.max() > 200
+    assert grey.max() > 150  # the curve has a shoulder, so that nothing reaches white
     page = (finished / "report.html").read_text()
     assert "LCC_DBT" in page
 

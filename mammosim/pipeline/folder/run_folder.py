@@ -152,7 +152,8 @@ class RunFolder:
             self._begin()
         if study is not None:
             self._check_presence(study)
-            self._write_tables(study)
+            if status != "refused":
+                self._write_tables(study)
         write_json(self.path / "run.json", self._record(study, status))
 
     def _write_tables(self, study: Study) -> None:
