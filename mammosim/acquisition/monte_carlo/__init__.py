@@ -5,7 +5,7 @@ from mammosim.acquisition.monte_carlo.absorbed import (
     absorbed_energy,
     dose_map_mgy,
 )
-from mammosim.acquisition.monte_carlo.core import core_glandularity_percent
+from mammosim.acquisition.monte_carlo.glandularity import core_glandularity_percent
 from mammosim.acquisition.monte_carlo.grid import Grid
 from mammosim.acquisition.monte_carlo.scene import Plates, Scene, make_scene
 from mammosim.acquisition.monte_carlo.smoothing import smoothed, smoothed_scatter
