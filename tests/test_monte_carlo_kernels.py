@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from naive import monte_carlo as naive
 
+from mammosim.acquisition.monte_carlo._flight_kernels import Path, Plan, fly
 from mammosim.acquisition.monte_carlo._random_kernels import Stream, philox, uniforms
-from mammosim.acquisition.monte_carlo._transport_kernels import Path, Plan, _fly
 from mammosim.projection._coarse_kernels import SampledAs
 from mammosim.projection.coarse_copy import CoarseBreast, fold
 
@@ -75,7 +75,7 @@ def test_flight_agrees_with_its_twin():
         direction = rng.normal(size=3)
         direction /= np.linalg.norm(direction)
         tally = np.zeros(len(case.scene.fraction))
-        steps, through = _fly(
+        steps, through = fly(
             plan, space, attenuation.astype(np.float32), (*start, *direction),
             int(np.ravel_multi_index(cell, shape)), (2.0, 20.0), path, tally,
             np.zeros(1, np.float32),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim._jit import kernel
-from mammosim.acquisition.monte_carlo._transport_kernels import DENSITY_STEPS, MIXTURE_BITS
+from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS, MIXTURE_BITS
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: spreads keys over the table
 _OUTSIDE = np.uint64(1 << 60)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.acquisition.monte_carlo._transport_kernels import DENSITY_STEPS
+from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS
 from mammosim.acquisition.monte_carlo.scene import Scene
 from mammosim.acquisition.monte_carlo.tables import PhotonTables
 from mammosim.acquisition.monte_carlo.transport import Tallies

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from mammosim.acquisition.monte_carlo._transport_kernels import DENSITY_STEPS
+from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS
 from mammosim.acquisition.monte_carlo.scene import Scene
 
 SHELL_MM = 5.0  # of fat all around the mixture, but for the chest wall: Dance 1990

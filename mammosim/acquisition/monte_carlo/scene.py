@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition.attenuation import BEAM_MATERIALS
+from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS, Space
 from mammosim.acquisition.monte_carlo._scene_kernels import Field, pack_voxels
-from mammosim.acquisition.monte_carlo._transport_kernels import DENSITY_STEPS, Space
 from mammosim.errors import InputError
 from mammosim.geometry import Gantry
 from mammosim.projection import CoarseBreast

@@ -10,15 +10,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mammosim.acquisition.detectors import Detector
+from mammosim.acquisition.monte_carlo._collision_kernels import Sections
+from mammosim.acquisition.monte_carlo._detection_kernels import Screen
+from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS, Plan
 from mammosim.acquisition.monte_carlo._random_kernels import Stream
-from mammosim.acquisition.monte_carlo._transport_kernels import (
-    DENSITY_STEPS,
-    Plan,
-    Screen,
-    Sections,
-    Source,
-    follow_photons,
-)
+from mammosim.acquisition.monte_carlo._transport_kernels import Source, follow_photons
 from mammosim.acquisition.monte_carlo.grid import COSINES, LARGEST_TANGENT, TANGENTS, Grid
 from mammosim.acquisition.monte_carlo.scene import Scene
 from mammosim.acquisition.monte_carlo.tables import PhotonTables
