@@ -9,9 +9,11 @@ from scipy import ndimage
 
 from mammosim.phantom import GenerateSettings
 from mammosim.phantom.anatomy import (
-    _kernels,
+    _block_kernels,
     _net_kernels,
     _noise_kernels,
+    _surface_kernels,
+    _tissue_kernels,
     _tube_kernels,
     generate,
     lobules,
@@ -40,7 +42,7 @@ def test_gland_is_where_the_potential_exceeds_the_threshold():
     paint = generate._paint(anatomy)._replace(threshold=0.7)
     size = (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size)
     labels = np.zeros(size, np.uint8)
-    _kernels.paint_tissue(
+    _tissue_kernels.paint_tissue(
         generate._dealt(lattice.x_start.size - 1), labels, lattice, texture, paint
     )
     gland = labels == LABEL["gland"]
@@ -116,14 +118,14 @@ def test_the_steps_of_a_filling_have_its_mean():
     part = {0: 0.0, 5: 1.0, 6: 0.125, 7: 0.25, 8: 0.5}
     lots = (np.arange(20_000) + 0.5) / 20_000
     for fill in (0.01, 0.1, 0.125, 0.2, 0.3, 0.5, 0.77, 1.0):
-        mean = np.mean([part[_kernels._step(fill, lot)] for lot in lots])
+        mean = np.mean([part[_tissue_kernels._step(fill, lot)] for lot in lots])
         assert mean == pytest.approx(fill, abs=1e-4)
 
 
 def test_tubes_agree_with_their_twin():
     axis = np.arange(12) * 0.5
     start = np.arange(4) * 4
-    lattice = _kernels.Lattice(axis, axis, axis, np.zeros(3), 2.0, start, start, start)
+    lattice = _block_kernels.Lattice(axis, axis, axis, np.zeros(3), 2.0, start, start, start)
     ends = np.array([[[0.7, 1.0, 1.2], [4.0, 4.4, 3.1]], [[2.0, 4.5, 1.0], [2.0, 4.5, 1.0]]])
     radius, label = np.array([[0.1, 0.9], [0.8, 0.8]]), np.array([125, 95], np.uint8)
     labels = np.zeros((12, 12, 12), np.uint8)
@@ -143,7 +145,7 @@ def test_the_nipple_is_a_blunt_tilted_cone():
     nipple = np.array([50.0, 7.0, 5.0, 0.5, 0.2, 0.0, 4.0, 0.0, 0.0])
 
     def inside(x, y, z):
-        return _kernels.in_nipple(x, y, z, 50.0 - x, 1.5, nipple)
+        return _surface_kernels.in_nipple(x, y, z, 50.0 - x, 1.5, nipple)
 
     assert inside(56.0, 1.2, 0.0)
     assert not inside(57.5, 1.4, 0.0)

@@ -23,7 +23,7 @@ from mammosim.phantom.anatomy import (
     DENSITY_ALIASES,
     DENSITY_PERCENT,
     GenerateSettings,
-    _kernels,
+    _surface_kernels,
     expected_volume_ml,
 )
 from mammosim.phantom.anatomy.axilla import draw_axilla
@@ -285,7 +285,7 @@ def test_a_dithered_surface_is_where_it_should_be_on_average():
         for i, j, k in np.ndindex(12, 12, 20):
             depth = k - face  # in voxels, the slab goes on upwards
             corner = np.arange(8)[None] % 2 * 2.0  # its gradient points along the last axis
-            shifted = depth + _kernels.dither(i, j, k, corner)
+            shifted = depth + _surface_kernels.dither(i, j, k, corner)
             layers[i, j] += shifted > 0.0
             skin[i, j] += 0.0 < shifted < 3.0
         # 144 random shifts would have a standard error of 0.042; these have 0.02.
@@ -301,7 +301,7 @@ def test_the_dither_is_half_a_voxel_at_most_along_its_axis():
                  corner[[2, 3, 6, 7]].sum() - corner[[0, 1, 4, 5]].sum(),
                  corner[1::2].sum() - corner[::2].sum()]  # fmt: skip
         bound = 0.5 * np.abs(slope).max() / np.linalg.norm(slope)
-        shift = _kernels.dither(*rng.integers(0, 1000, 3), corner[None])
+        shift = _surface_kernels.dither(*rng.integers(0, 1000, 3), corner[None])
         assert abs(shift) <= bound + 1e-12
 
 

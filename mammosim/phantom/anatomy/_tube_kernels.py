@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim._jit import kernel
-from mammosim.phantom.anatomy._kernels import Lattice
+from mammosim.phantom.anatomy._block_kernels import Lattice
 
 
 @kernel

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from mammosim.config import documents_keys, given_settings
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
-from mammosim.phantom.anatomy import _kernels
+from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, Lattice, Paint, Texture
 from mammosim.phantom.anatomy._net_kernels import Net
+from mammosim.phantom.anatomy._parenchyma_kernels import TUBE, UNDECIDED, sample_potential
+from mammosim.phantom.anatomy._tissue_kernels import paint_tissue
 from mammosim.phantom.anatomy._tube_kernels import paint_tubes
 from mammosim.phantom.anatomy.axilla import CUT_DEG, OFF_DEG, Axilla, draw_axilla
 from mammosim.phantom.anatomy.ducts import grow_ducts
@@ -165,7 +167,7 @@ def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastP
     paint = paint._replace(
         threshold=_threshold(labels, lattice, texture, paint, settings.target_percent)
     )
-    _kernels.paint_tissue(_dealt(lattice.x_start.size - 1), labels, lattice, texture, paint)
+    paint_tissue(_dealt(lattice.x_start.size - 1), labels, lattice, texture, paint)
     return _phantom(labels, lattice, anatomy, settings, seed, laterality)
 
 
@@ -229,9 +231,9 @@ def _dealt(layers: int) -> NDArray[np.int64]:
     return np.concatenate([np.arange(first, layers, 16) for first in range(16)])
 
 
-def _lattice(anatomy: _Anatomy, voxel_mm: float) -> _kernels.Lattice:
+def _lattice(anatomy: _Anatomy, voxel_mm: float) -> Lattice:
     """Voxel centres from the chest wall to two voxels of air around breast and nipple."""
-    depth, origin = anatomy.fields[..., _kernels.SKIN_DEPTH], anatomy.frame.origin_mm
+    depth, origin = anatomy.fields[..., SKIN_DEPTH], anatomy.frame.origin_mm
     inside = np.argwhere(depth > 0)
     at = origin[1:] + inside[:, 1:] * GRID_MM
     cut = _cut(anatomy.outline)
@@ -251,14 +253,12 @@ def _lattice(anatomy: _Anatomy, voxel_mm: float) -> _kernels.Lattice:
     ]
     x, lateral, superior = axes
     x_start, lateral_start, superior_start = starts
-    return _kernels.Lattice(
-        x, lateral, superior, origin, GRID_MM, x_start, lateral_start, superior_start
-    )
+    return Lattice(x, lateral, superior, origin, GRID_MM, x_start, lateral_start, superior_start)
 
 
-def _texture(anatomy: _Anatomy, seed: int) -> _kernels.Texture:
+def _texture(anatomy: _Anatomy, seed: int) -> Texture:
     kind = anatomy.kind
-    return _kernels.Texture(
+    return Texture(
         anatomy.fields, *anatomy.nets, FINE_SEPTUM,
         np.array([anatomy.outline.shape.depth_mm + 5.0, 0.0, 0.0]),
         kind.strands * np.array(FAN_SHARE), np.array(FAN_PER_RADIAN),
@@ -273,12 +273,12 @@ def _cut(outline: Outline) -> NDArray[np.float64]:
     return np.array([np.cos(angle), np.sin(angle), outline.axilla.cut_mm])
 
 
-def _paint(anatomy: _Anatomy) -> _kernels.Paint:
+def _paint(anatomy: _Anatomy) -> Paint:
     names = (
         "adipose", "skin", "gland", "nipple", "muscle", "ligament", "ligament_eighth",
         "ligament_quarter", "ligament_half",
     )  # fmt: skip
-    return _kernels.Paint(
+    return Paint(
         anatomy.nipple.numbers(anatomy.outline.shape.depth_mm), np.array(AREOLA_MM),
         _cut(anatomy.outline), COVER_MM, 0.0,
         np.array([TISSUES[name].label for name in names], np.uint8),
@@ -287,18 +287,18 @@ def _paint(anatomy: _Anatomy) -> _kernels.Paint:
 
 def _threshold(
     labels: NDArray[np.uint8],
-    lattice: _kernels.Lattice,
-    texture: _kernels.Texture,
-    paint: _kernels.Paint,
+    lattice: Lattice,
+    texture: Texture,
+    paint: Paint,
     percent: float,
 ) -> float:
     """Potential above which tissue is gland, so that the fibroglandular share is met."""
     shape = (*(side - 1 for side in texture.fields.shape[:3]), 4)
     potential, state = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
-    _kernels.sample_potential(_dealt(shape[0]), labels, lattice, texture, paint, potential, state)
+    sample_potential(_dealt(shape[0]), labels, lattice, texture, paint, potential, state)
     wanted = percent / 100.0 * np.count_nonzero(state)
-    ducts = np.count_nonzero(state == _kernels.TUBE)
-    free = np.sort(potential[state == _kernels.UNDECIDED])
+    ducts = np.count_nonzero(state == TUBE)
+    free = np.sort(potential[state == UNDECIDED])
     # Ducts and units count whatever the threshold; of the rest, as many of the highest as miss.
     missing = int(np.clip(wanted - ducts, 0, free.size - 1))
     return float(free[free.size - 1 - missing])
@@ -306,7 +306,7 @@ def _threshold(
 
 def _phantom(
     labels: NDArray[np.uint8],
-    lattice: _kernels.Lattice,
+    lattice: Lattice,
     anatomy: _Anatomy,
     settings: GenerateSettings,
     seed: int,

@@ -1,0 +1,155 @@
+"""A block of voxels, a cell of the coarse grid: what it is made from, and values within it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim._jit import kernel, merged_kernel
+from mammosim.phantom.anatomy._net_kernels import Near, Net, new_near
+
+SKIN_DEPTH, MUSCLE_DEPTH, POTENTIAL, SEPTUM, SKIN_MM, NET, FIBRE = (
+    np.intp(n) for n in (0, 1, 2, 3, 4, 5, 8)
+)
+"""Channels of the coarse fields; NET and FIBRE take three each."""
+
+CHANNELS = 11
+
+SUB_STEPS = 4
+"""Steps of a block's sub-grid: 0.5 mm, against a finest noise of 1.6 mm."""
+
+
+class Lattice(NamedTuple):
+    """Where voxels and coarse grid lie, in generator coordinates (x, lateral, superior), mm.
+
+    `x_start` and so on give the first voxel of each block, and the number of voxels last.
+    """
+
+    x_mm: NDArray[np.float64]
+    lateral_mm: NDArray[np.float64]
+    superior_mm: NDArray[np.float64]
+    coarse_origin_mm: NDArray[np.float64]
+    coarse_mm: float
+    x_start: NDArray[np.int64]
+    lateral_start: NDArray[np.int64]
+    superior_start: NDArray[np.int64]
+
+
+class Texture(NamedTuple):
+    """Everything that decides the fine structure.
+
+    `fields` is (x, lateral, superior, channel); `coarse` and `fine` are the nets of primary and
+    secondary septa, `bundles` that of the muscle's; amplitudes are in units of the potential.
+    """
+
+    fields: NDArray[np.float32]
+    coarse: Net
+    fine: Net
+    bundles: Net
+    fine_septum: float
+    apex_mm: NDArray[np.float64]
+    fan_amplitude: NDArray[np.float64]
+    fan_per_radian: NDArray[np.float64]
+    grain_amplitude: NDArray[np.float64]
+    grain_mm: NDArray[np.float64]
+    noise_limit: float
+    lobule_mm: float
+    lobule_amplitude: float
+    key: int
+
+
+class Paint(NamedTuple):
+    """Labels and lengths that the last step needs.
+
+    `nipple` is described at `in_nipple`; `areola_mm` is extra thickness of the skin at the
+    nipple and the radius over which it is lost; `cut` is the direction out of the open end and its
+    distance from the nipple's axis.
+    """
+
+    nipple: NDArray[np.float64]
+    areola_mm: NDArray[np.float64]
+    cut: NDArray[np.float64]
+    cover_mm: float
+    threshold: float
+    labels: NDArray[np.uint8]
+
+
+ADIPOSE, SKIN, GLAND, NIPPLE, MUSCLE, LIGAMENT, EIGHTH, QUARTER, HALF = range(9)
+"""Places in `Paint.labels`."""
+
+
+class Block(NamedTuple):
+    """Scratch of one block: corners of each channel, its sub-grid, slope of the net's coordinates,
+    walls near it, a row's ends of each channel, and the planes of the sub-grid that are wanted."""
+
+    corner: NDArray[np.float64]
+    sub: NDArray[np.float64]
+    sub_row: NDArray[np.float64]
+    slope: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    low: NDArray[np.float64]
+    step: NDArray[np.float64]
+    coarse: Near
+    fine: Near
+    wanted: NDArray[np.bool_]
+
+
+@kernel
+def new_block() -> Block:
+    n = SUB_STEPS + 1
+    return Block(
+        np.empty((CHANNELS, 8)), np.empty((n, n, n)), np.empty(n), np.empty((3, 3)), np.empty(3),
+        np.empty(CHANNELS), np.empty(CHANNELS), new_near(), new_near(),
+        np.zeros((3, n), np.bool_),
+    )  # fmt: skip
+
+
+@kernel
+def load_corners(
+    fields: NDArray[np.float32], i: int, j: int, k: int, corner: NDArray[np.float64]
+) -> None:
+    """All channels at the eight corners of a block, the last axis fastest."""
+    for a in range(2):
+        for b in range(2):
+            for c in range(2):
+                for channel in range(CHANNELS):
+                    corner[channel, 4 * a + 2 * b + c] = fields[i + a, j + b, k + c, channel]
+
+
+@merged_kernel
+def trilinear(corner: NDArray[np.float64], channel: int, u: float, v: float, w: float) -> float:
+    """Value of a channel within a block from its corners."""
+    low = (1.0 - v) * ((1.0 - w) * corner[channel, 0] + w * corner[channel, 1]) + v * (
+        (1.0 - w) * corner[channel, 2] + w * corner[channel, 3]
+    )
+    high = (1.0 - v) * ((1.0 - w) * corner[channel, 4] + w * corner[channel, 5]) + v * (
+        (1.0 - w) * corner[channel, 6] + w * corner[channel, 7]
+    )
+    return (1.0 - u) * low + u * high
+
+
+@merged_kernel
+def row_end(corner: NDArray[np.float64], channel: int, u: float, v: float, w: int) -> float:
+    """Value of a channel at an end of a row of the block."""
+    near = (1.0 - v) * corner[channel, w] + v * corner[channel, 2 + w]
+    return (1.0 - u) * near + u * ((1.0 - v) * corner[channel, 4 + w] + v * corner[channel, 6 + w])
+
+
+@kernel
+def sub_row_values(sub: NDArray[np.float64], u: float, v: float, out: NDArray[np.float64]) -> None:
+    """The sub-grid's values along a row of the block."""
+    a, b = min(int(u * SUB_STEPS), SUB_STEPS - 1), min(int(v * SUB_STEPS), SUB_STEPS - 1)
+    p, q = u * SUB_STEPS - a, v * SUB_STEPS - b
+    for c in range(SUB_STEPS + 1):
+        low = (1.0 - q) * sub[a, b, c] + q * sub[a, b + 1, c]
+        high = (1.0 - q) * sub[a + 1, b, c] + q * sub[a + 1, b + 1, c]
+        out[c] = (1.0 - p) * low + p * high
+
+
+@merged_kernel
+def on_sub_row(sub_row: NDArray[np.float64], w: float) -> float:
+    c = min(int(w * SUB_STEPS), SUB_STEPS - 1)
+    part = w * SUB_STEPS - c
+    return (1.0 - part) * sub_row[c] + part * sub_row[c + 1]

@@ -1,0 +1,244 @@
+"""Gland and septa of a block: its potential, its lobules, and the walls that cross it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim._jit import Thread, kernel, merged_kernel, parallel_kernel, share
+from mammosim.phantom.anatomy._block_kernels import (
+    FIBRE,
+    MUSCLE_DEPTH,
+    NET,
+    POTENTIAL,
+    SEPTUM,
+    SKIN_DEPTH,
+    SKIN_MM,
+    SUB_STEPS,
+    Block,
+    Lattice,
+    Paint,
+    Texture,
+    load_corners,
+    new_block,
+    trilinear,
+)
+from mammosim.phantom.anatomy._net_kernels import gather, wall_distance
+from mammosim.phantom.anatomy._noise_kernels import gradient_noise, lattice_hash
+from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut
+
+NOT_COUNTED, UNDECIDED, TUBE, SEPTUM_STATE = 0, 1, 2, 3
+
+MUSCLE_FAT = 0.22
+"""Mean thickness of the fat between bundles of muscle, mm. Chosen."""
+
+
+@merged_kernel
+def strands(texture: Texture, x: float, y: float, z: float) -> float:
+    """Strands towards the nipple and isotropic grain, within the noise's limit."""
+    total = 0.0
+    dx, dy, dz = texture.apex_mm[0] - x, y - texture.apex_mm[1], z - texture.apex_mm[2]
+    r = np.sqrt(dx * dx + dy * dy + dz * dz) + 1.0
+    along = np.log(r) / 5.0
+    for octave in range(texture.fan_amplitude.size):
+        # Strands run towards the nipple: noise in direction and, five times slower, distance.
+        per = texture.fan_per_radian[octave]
+        total += texture.fan_amplitude[octave] * gradient_noise(
+            along * per, dy / r * per, dz / r * per, texture.key + octave
+        )
+    for octave in range(texture.grain_amplitude.size):
+        s = 1.0 / texture.grain_mm[octave]
+        total += texture.grain_amplitude[octave] * gradient_noise(
+            x * s, y * s, z * s, texture.key + 64 + octave
+        )
+    return min(max(total, -texture.noise_limit), texture.noise_limit)
+
+
+@kernel
+def _net_frame(block: Block, channel: int, coarse_mm: float) -> float:
+    """Slope and centre of net coordinates over a block; the radius of the block in them, mm."""
+    for axis in range(3):
+        c = block.corner[channel + axis]
+        block.centre[axis] = c.sum() / 8.0
+        block.slope[axis, 0] = (c[4] + c[5] + c[6] + c[7] - c[0] - c[1] - c[2] - c[3]) / 4.0
+        block.slope[axis, 1] = (c[2] + c[3] + c[6] + c[7] - c[0] - c[1] - c[4] - c[5]) / 4.0
+        block.slope[axis, 2] = (c[1] + c[3] + c[5] + c[7] - c[0] - c[2] - c[4] - c[6]) / 4.0
+        for direction in range(3):
+            block.slope[axis, direction] /= coarse_mm
+    radius = 0.0
+    for n in range(8):
+        squared = 0.0
+        for axis in range(3):
+            squared += (block.corner[channel + axis, n] - block.centre[axis]) ** 2
+        radius = max(radius, squared)
+    return np.sqrt(radius)
+
+
+@kernel
+def _stretch(slope: NDArray[np.float64]) -> float:
+    """A bound of the largest change of net coordinates a real mm (Gershgorin, of slope^T slope)."""
+    most = 0.0
+    for a in range(3):
+        row = 0.0
+        for b in range(3):
+            row += abs(
+                slope[0, a] * slope[0, b] + slope[1, a] * slope[1, b] + slope[2, a] * slope[2, b]
+            )
+        most = max(most, row)
+    return np.sqrt(most)
+
+
+@merged_kernel
+def potential_at(
+    texture: Texture, block: Block, n: int, at: NDArray[np.float64], origin: NDArray[np.float64],
+    coarse_mm: float,
+) -> float:  # fmt: skip
+    """Full potential at a place (u, v, w) of a block whose walls have been gathered."""
+    u, v, w = at[0], at[1], at[2]
+    net = texture.coarse
+    total = trilinear(block.corner, POTENTIAL, u, v, w)
+    total += strands(
+        texture, origin[0] + u * coarse_mm, origin[1] + v * coarse_mm, origin[2] + w * coarse_mm
+    )
+    if n > 0:
+        gap, inside = wall_distance(
+            block.coarse.place, block.coarse.pair, n,
+            (trilinear(block.corner, NET, u, v, w) - net.origin_mm[0]) / net.cell_mm,
+            (trilinear(block.corner, NET + 1, u, v, w) - net.origin_mm[1]) / net.cell_mm,
+            (trilinear(block.corner, NET + 2, u, v, w) - net.origin_mm[2]) / net.cell_mm,
+        )  # fmt: skip
+        fatness = block.coarse.fatness[inside]
+        part = min(gap / texture.lobule_mm, 1.0)
+        total -= texture.lobule_amplitude * fatness * part * (2.0 - part)
+    return total
+
+
+@kernel
+def gather_lobules(texture: Texture, block: Block, coarse_mm: float) -> int:
+    radius = _net_frame(block, NET, coarse_mm)
+    reach = texture.lobule_mm * _stretch(block.slope)
+    return gather(texture.coarse, block.centre, radius, reach, block.slope, block.coarse)
+
+
+@parallel_kernel
+def sample_potential(
+    thread: Thread, order: NDArray[np.int64], labels: NDArray[np.uint8], lattice: Lattice,
+    texture: Texture, paint: Paint, out_potential: NDArray[np.float32],
+    out_state: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Potential at four places of every block, and what is there whatever the threshold.
+
+    Outputs are (x, lateral, superior, 4) over blocks. `order` is that of the layers of blocks.
+    """
+    h, origin = lattice.coarse_mm, np.empty(3)
+    block, at = new_block(), np.empty(3)
+    for turn in share(thread, 0, order.size):
+        i = order[turn]
+        for j in range(out_state.shape[1]):
+            for k in range(out_state.shape[2]):
+                load_corners(texture.fields, i, j, k, block.corner)
+                deepest = block.corner[SKIN_DEPTH].max()
+                if deepest < 0.0:
+                    continue
+                n = gather_lobules(texture, block, h)
+                for axis, place in enumerate((i, j, k)):
+                    origin[axis] = lattice.coarse_origin_mm[axis] + place * h
+                _sub_cell(texture, block, n, lattice_hash(i, j, k, 11), origin, h, at)
+                for s in range(4):
+                    bits = lattice_hash(i, j, k, 12 + s)
+                    for axis in range(3):
+                        part = ((bits >> (10 * axis)) & 1023) / 1024.0
+                        block.centre[axis] = part
+                        at[axis] = (block.low[axis] + part) / SUB_STEPS
+                    out_state[i, j, k, s] = _state(labels, lattice, paint, block, at, origin)
+                    out_potential[i, j, k, s] = trilinear(
+                        block.corner, SEPTUM, block.centre[0], block.centre[1], block.centre[2]
+                    )
+
+
+@kernel
+def _sub_cell(
+    texture: Texture, block: Block, n: int, bits: int, origin: NDArray[np.float64], h: float,
+    at: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Potential at the corners of a cell of the sub-grid, in place of SEPTUM; its place, `low`."""
+    for axis in range(3):
+        block.low[axis] = ((bits >> (10 * axis)) & 1023) * SUB_STEPS // 1024
+    for corner in range(8):
+        at[0] = (block.low[0] + (corner >> 2)) / SUB_STEPS
+        at[1] = (block.low[1] + ((corner >> 1) & 1)) / SUB_STEPS
+        at[2] = (block.low[2] + (corner & 1)) / SUB_STEPS
+        block.corner[SEPTUM, corner] = potential_at(texture, block, n, at, origin, h)
+
+
+@kernel
+def _state(
+    labels: NDArray[np.uint8], lattice: Lattice, paint: Paint, block: Block,
+    at: NDArray[np.float64], origin: NDArray[np.float64],
+) -> int:  # fmt: skip
+    """What is at a place of a block whatever the threshold."""
+    u, v, w = at[0], at[1], at[2]
+    h, voxel = lattice.coarse_mm, lattice.x_mm[1] - lattice.x_mm[0]
+    x, y, z = origin[0] + u * h, origin[1] + v * h, origin[2] + w * h
+    depth = trilinear(block.corner, SKIN_DEPTH, u, v, w)
+    thick = trilinear(block.corner, SKIN_MM, u, v, w) + areola(paint, y, z)
+    if x < 0.0 or depth < thick or beyond_cut(paint, y, z):
+        return NOT_COUNTED
+    if trilinear(block.corner, MUSCLE_DEPTH, u, v, w) > 0.0 and depth > paint.cover_mm:
+        return NOT_COUNTED
+    i = int((x - lattice.x_mm[0]) / voxel + 0.5)
+    j = int((y - lattice.lateral_mm[0]) / voxel + 0.5)
+    k = int((z - lattice.superior_mm[0]) / voxel + 0.5)
+    i, j = min(max(i, 0), labels.shape[0] - 1), min(max(j, 0), labels.shape[1] - 1)
+    k = min(max(k, 0), labels.shape[2] - 1)
+    label = labels[i, j, k]
+    if label == 0:
+        return UNDECIDED
+    return TUBE if label == 95 or label == 125 else SEPTUM_STATE
+
+
+@kernel
+def decide_gland(
+    texture: Texture, paint: Paint, block: Block, origin: NDArray[np.float64], h: float,
+    only_muscle: bool,
+) -> int:  # fmt: skip
+    """0 where a block holds no gland, 2 where it is all gland, 1 with its sub-grid filled."""
+    lowest, highest = block.corner[POTENTIAL].min(), block.corner[POTENTIAL].max()
+    if only_muscle or highest + texture.noise_limit <= paint.threshold:
+        return 0
+    n = gather_lobules(texture, block, h)
+    pull = 0.0
+    for a in range(n):
+        pull = max(pull, texture.lobule_amplitude * block.coarse.fatness[a])
+    if lowest - texture.noise_limit - pull > paint.threshold:
+        return 2
+    at, some, all_of_it = np.empty(3), False, True
+    wanted = block.wanted
+    for a in range(SUB_STEPS + 1):
+        for b in range(SUB_STEPS + 1):
+            for c in range(SUB_STEPS + 1):
+                if not (wanted[0, a] and wanted[1, b] and wanted[2, c]):
+                    continue
+                at[0], at[1], at[2] = a / SUB_STEPS, b / SUB_STEPS, c / SUB_STEPS
+                value = potential_at(texture, block, n, at, origin, h) - paint.threshold
+                block.sub[a, b, c] = value
+                some, all_of_it = some or value > 0.0, all_of_it and value > 0.0
+    return (2 if all_of_it else 1) if some else 0
+
+
+@kernel
+def gather_walls(
+    texture: Texture, block: Block, h: float, voxel: float, only_muscle: bool, gland: int
+) -> tuple[int, int]:
+    """Cells of the nets whose walls cross a block: of both septa, or of bundles in muscle."""
+    if only_muscle:
+        radius = _net_frame(block, FIBRE, h)
+        reach = (1.8 * MUSCLE_FAT + 0.5 * voxel) * _stretch(block.slope)
+        return gather(texture.bundles, block.centre, radius, reach, block.slope, block.coarse), -1
+    thick = block.corner[SEPTUM].max()
+    if gland == 2 or thick <= 0.0:
+        return 0, 0
+    radius = _net_frame(block, NET, h)
+    reach = (1.8 * thick + 0.5 * voxel) * _stretch(block.slope)
+    n = gather(texture.coarse, block.centre, radius, reach, block.slope, block.coarse)
+    return n, gather(texture.fine, block.centre, radius, reach, block.slope, block.fine)

@@ -1,0 +1,78 @@
+"""The breast's surface: skin without a staircase, nipple, areola, and the cut of the open end."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim._jit import kernel, merged_kernel
+from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, Paint
+from mammosim.phantom.anatomy._noise_kernels import gradient_noise
+
+
+@merged_kernel
+def _face(corner: NDArray[np.float64], a: int, b: int, c: int, d: int) -> float:
+    """Sum over four corners of a block, one of its faces."""
+    return corner[a] + corner[b] + corner[c] + corner[d]
+
+
+@kernel
+def dither(i: int, j: int, k: int, corners: NDArray[np.float64]) -> float:
+    """Shift of a surface at a voxel, in voxels along its normal, that hides the staircase.
+
+    The surface's normal is the gradient over the coarse cell's corners. Along the axis nearest to
+    it all voxels of a column are shifted alike, so that layers keep their thickness and stay
+    whole; from column to column the shift follows a sequence of low discrepancy (the golden ratio
+    in two dimensions), so that the mean of any few columns is the surface's true place. Half a
+    voxel along that axis is the most.
+    """
+    c = corners[SKIN_DEPTH]
+    gx = _face(c, 4, 5, 6, 7) - _face(c, 0, 1, 2, 3)
+    gy = _face(c, 2, 3, 6, 7) - _face(c, 0, 1, 4, 5)
+    gz = _face(c, 1, 3, 5, 7) - _face(c, 0, 2, 4, 6)
+    ax, ay, az = abs(gx), abs(gy), abs(gz)
+    if ax >= ay and ax >= az:
+        most, first, second, sign = ax, j, k, gx
+    elif ay >= az:
+        most, first, second, sign = ay, i, k, gy
+    else:
+        most, first, second, sign = az, i, j, gz
+    turn = 0.7548776662466927 * first + 0.5698402909980532 * second
+    shift = (turn - np.floor(turn) - 0.5) * most / np.sqrt(gx * gx + gy * gy + gz * gz + 1e-12)
+    return shift if sign > 0.0 else -shift
+
+
+@merged_kernel
+def beyond_cut(paint: Paint, y: float, z: float) -> bool:
+    return y * paint.cut[0] + z * paint.cut[1] > paint.cut[2]
+
+
+@kernel
+def in_nipple(
+    x: float, y: float, z: float, depth: float, thick: float, nipple: NDArray[np.float64]
+) -> bool:
+    """Whether a point lies in the nipple: an irregular, blunt and tilted cone on the areola.
+
+    `nipple` is foot x, height, radius at the foot, part of the radius lost at the tip, tilt
+    (lateral and superior, mm a mm of height), exponent of the dome, amplitude of lumps (mm) and
+    their place in the noise. It goes as deep as the skin.
+    """
+    s, height = x - nipple[0], max(nipple[1], 0.2)
+    rise = min(max(s, 0.0), height)
+    across = y - nipple[4] * rise
+    up = z - nipple[5] * rise
+    lumps = nipple[7] * gradient_noise(x / 4.0, y / 4.0, z / 4.0 + nipple[8], 17)
+    wide = nipple[2] * (1.0 - nipple[3] * rise / height) + lumps
+    if depth > 0.0:
+        return depth < thick and across * across + up * up < wide * wide
+    if s > height or s < -4.0:
+        return False
+    wide = wide * (1.0 - (rise / height) ** nipple[6]) + 1.2 * np.exp(-max(s, 0.0))
+    return wide > 0.0 and across * across + up * up < wide * wide
+
+
+@merged_kernel
+def areola(paint: Paint, y: float, z: float) -> float:
+    """Extra thickness of the skin at the areola, mm."""
+    near = (y * y + z * z) / (paint.areola_mm[1] * paint.areola_mm[1])
+    return paint.areola_mm[0] * np.exp(-near * near)

@@ -1,0 +1,237 @@
+"""The tissue of each voxel from coarse fields and fine structure.
+
+What a block's corners decide is not asked of its voxels: air is skipped, fat without walls is
+filled, and noise is evaluated on a sub-grid of `SUB_STEPS` only where it decides between gland and
+fat.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim._jit import Thread, kernel, parallel_kernel, share
+from mammosim.phantom.anatomy._block_kernels import (
+    ADIPOSE,
+    CHANNELS,
+    EIGHTH,
+    FIBRE,
+    GLAND,
+    HALF,
+    LIGAMENT,
+    MUSCLE,
+    MUSCLE_DEPTH,
+    NET,
+    NIPPLE,
+    QUARTER,
+    SEPTUM,
+    SKIN,
+    SKIN_DEPTH,
+    SKIN_MM,
+    SUB_STEPS,
+    Block,
+    Lattice,
+    Paint,
+    Texture,
+    load_corners,
+    new_block,
+    on_sub_row,
+    row_end,
+    sub_row_values,
+)
+from mammosim.phantom.anatomy._net_kernels import wall_fill
+from mammosim.phantom.anatomy._noise_kernels import lattice_hash
+from mammosim.phantom.anatomy._parenchyma_kernels import MUSCLE_FAT, decide_gland, gather_walls
+from mammosim.phantom.anatomy._surface_kernels import dither, in_nipple
+
+
+@parallel_kernel
+def paint_tissue(
+    thread: Thread, order: NDArray[np.int64], labels: NDArray[np.uint8], lattice: Lattice,
+    texture: Texture, paint: Paint,
+) -> None:  # fmt: skip
+    """Give every voxel its label; tubes already there stay where they are inside the breast.
+
+    `order` is that in which layers of blocks are dealt to threads.
+    """
+    block = new_block()
+    for turn in share(thread, 0, order.size):
+        i = order[turn]
+        if lattice.x_start[i] == lattice.x_start[i + 1]:
+            continue
+        for j in range(lattice.lateral_start.size - 1):
+            if lattice.lateral_start[j] == lattice.lateral_start[j + 1]:
+                continue
+            for k in range(lattice.superior_start.size - 1):
+                if lattice.superior_start[k] < lattice.superior_start[k + 1]:
+                    _paint_block(labels, lattice, texture, paint, block, (i, j, k))
+
+
+@kernel
+def _clear(labels: NDArray[np.uint8], lattice: Lattice, at: tuple[int, int, int]) -> None:
+    """No tissue in a block; pages that hold none are only read."""
+    for i in range(lattice.x_start[at[0]], lattice.x_start[at[0] + 1]):
+        for j in range(lattice.lateral_start[at[1]], lattice.lateral_start[at[1] + 1]):
+            for k in range(lattice.superior_start[at[2]], lattice.superior_start[at[2] + 1]):
+                if labels[i, j, k] != 0:
+                    labels[i, j, k] = 0
+
+
+@kernel
+def _paint_block(
+    labels: NDArray[np.uint8], lattice: Lattice, texture: Texture, paint: Paint, block: Block,
+    at: tuple[int, int, int],
+) -> None:  # fmt: skip
+    fields, h, corner = texture.fields, lattice.coarse_mm, block.corner
+    voxel = lattice.x_mm[1] - lattice.x_mm[0]
+    x = lattice.coarse_origin_mm[0] + at[0] * h
+    y = lattice.coarse_origin_mm[1] + at[1] * h
+    z = lattice.coarse_origin_mm[2] + at[2] * h
+    deepest = np.float32(-9.0)
+    for a in range(2):
+        for b in range(2):
+            for c in range(2):
+                deepest = max(deepest, fields[at[0] + a, at[1] + b, at[2] + c, SKIN_DEPTH])
+    reach = paint.nipple[2] + 2.0 * abs(paint.nipple[1]) + 3.0
+    nipple = x + h > paint.nipple[0] - 5.0 and abs(y + 0.5 * h) < reach and abs(z + 0.5 * h) < reach
+    nearest = min(y * paint.cut[0], (y + h) * paint.cut[0])
+    nearest += min(z * paint.cut[1], (z + h) * paint.cut[1])
+    if (deepest < -voxel and not nipple) or nearest > paint.cut[2]:
+        _clear(labels, lattice, at)
+        return
+    load_corners(fields, at[0], at[1], at[2], corner)
+    shallow = nipple or corner[SKIN_DEPTH].min() < (
+        corner[SKIN_MM].max() + paint.areola_mm[0] + voxel
+    )
+    most = corner[MUSCLE_DEPTH].max()
+    muscle = most > 0.0 and deepest > paint.cover_mm
+    only_muscle = corner[MUSCLE_DEPTH].min() > 0.0 and corner[SKIN_DEPTH].min() > paint.cover_mm
+    _wanted_nodes(lattice, at, block.wanted)
+    gland = decide_gland(texture, paint, block, np.array([x, y, z]), h, only_muscle)
+    walls = gather_walls(texture, block, h, voxel, only_muscle, gland)
+    _fill_block(labels, lattice, texture, paint, block, at, (shallow, muscle, gland, walls))
+
+
+@kernel
+def _wanted_nodes(lattice: Lattice, at: tuple[int, int, int], wanted: NDArray[np.bool_]) -> None:
+    """Which planes of a block's sub-grid its voxels lie between; large voxels leave some out."""
+    wanted[:] = False
+    origin, h = lattice.coarse_origin_mm, lattice.coarse_mm
+    for i in range(lattice.x_start[at[0]], lattice.x_start[at[0] + 1]):
+        _mark(wanted, 0, (lattice.x_mm[i] - origin[0]) / h - at[0])
+    for j in range(lattice.lateral_start[at[1]], lattice.lateral_start[at[1] + 1]):
+        _mark(wanted, 1, (lattice.lateral_mm[j] - origin[1]) / h - at[1])
+    for k in range(lattice.superior_start[at[2]], lattice.superior_start[at[2] + 1]):
+        _mark(wanted, 2, (lattice.superior_mm[k] - origin[2]) / h - at[2])
+
+
+@kernel
+def _mark(wanted: NDArray[np.bool_], axis: int, part: float) -> None:
+    first = min(int(part * SUB_STEPS), SUB_STEPS - 1)
+    wanted[axis, first] = wanted[axis, first + 1] = True
+
+
+@kernel
+def _fill_block(
+    labels: NDArray[np.uint8], lattice: Lattice, texture: Texture, paint: Paint, block: Block,
+    at: tuple[int, int, int], kind: tuple[bool, bool, int, tuple[int, int]],
+) -> None:  # fmt: skip
+    """Label the voxels of a block that is not air.
+
+    What is in the tuples is taken out of them first: within the loops each access would count its
+    references, which costs more than all else.
+    """
+    shallow, muscle, gland, walls = kind
+    h, origin = lattice.coarse_mm, lattice.coarse_origin_mm
+    cover = paint.cover_mm
+    x_mm, y_mm, z_mm = lattice.x_mm, lattice.lateral_mm, lattice.superior_mm
+    voxel, key = x_mm[1] - x_mm[0], texture.key
+    low, step, corner, sub, sub_row = block.low, block.step, block.corner, block.sub, block.sub_row
+    coarse, fine, numbers, name = block.coarse, block.fine, paint.nipple, paint.labels
+    place, pair, thin_place, thin_pair = coarse.place, coarse.pair, fine.place, fine.pair
+    cut_y, cut_z, cut_mm = paint.cut[0], paint.cut[1], paint.cut[2]
+    areola, areola_mm = paint.areola_mm[0], paint.areola_mm[1]
+    net, thin, net_at = texture.coarse, texture.fine, NET
+    only_muscle = walls[1] == -1
+    if only_muscle:
+        net, net_at = texture.bundles, FIBRE
+    o0, o1, o2, per = net.origin_mm[0], net.origin_mm[1], net.origin_mm[2], 1.0 / net.cell_mm
+    t0, t1, t2, thin_per = (thin.origin_mm[0], thin.origin_mm[1], thin.origin_mm[2],
+                            1.0 / thin.cell_mm)  # fmt: skip
+    thin_share = texture.fine_septum
+    first_k, last_k = lattice.superior_start[at[2]], lattice.superior_start[at[2] + 1]
+    first_j, last_j = lattice.lateral_start[at[1]], lattice.lateral_start[at[1] + 1]
+    for i in range(lattice.x_start[at[0]], lattice.x_start[at[0] + 1]):
+        x = x_mm[i]
+        u = (x - origin[0]) / h - at[0]
+        for j in range(first_j, last_j):
+            y = y_mm[j]
+            v = (y - origin[1]) / h - at[1]
+            for channel in range(CHANNELS):
+                low[channel] = row_end(corner, channel, u, v, 0)
+                step[channel] = row_end(corner, channel, u, v, 1) - low[channel]
+            if gland == 1:
+                sub_row_values(sub, u, v, sub_row)
+            for k in range(first_k, last_k):
+                z = z_mm[k]
+                if y * cut_y + z * cut_z > cut_mm:
+                    labels[i, j, k] = 0
+                    continue
+                w = (z - origin[2]) / h - at[2]
+                depth = low[SKIN_DEPTH] + w * step[SKIN_DEPTH]
+                if shallow:
+                    near = (y * y + z * z) / (areola_mm * areola_mm)
+                    thick = low[SKIN_MM] + w * step[SKIN_MM] + areola * np.exp(-near * near)
+                    if abs(depth) < voxel or abs(depth - thick) < voxel:
+                        depth += voxel * dither(i, j, k, corner)
+                    if depth < thick:
+                        if in_nipple(x, y, z, depth, thick, numbers):
+                            if labels[i, j, k] == 0:
+                                labels[i, j, k] = name[NIPPLE]
+                        else:
+                            labels[i, j, k] = name[SKIN] if depth >= 0.0 else 0
+                        continue
+                in_muscle = (
+                    muscle and depth > cover and low[MUSCLE_DEPTH] + w * step[MUSCLE_DEPTH] > 0.0
+                )
+                if not in_muscle:
+                    if labels[i, j, k] != 0:
+                        continue
+                    if gland == 2 or (gland == 1 and on_sub_row(sub_row, w) > 0.0):
+                        labels[i, j, k] = name[GLAND]
+                        continue
+                fill = 0.0
+                if in_muscle == only_muscle and (walls[0] > 1 or walls[1] > 1):
+                    p = low[net_at] + w * step[net_at]
+                    q = low[net_at + 1] + w * step[net_at + 1]
+                    r = low[net_at + 2] + w * step[net_at + 2]
+                    thick = MUSCLE_FAT if in_muscle else low[SEPTUM] + w * step[SEPTUM]
+                    fill = wall_fill(
+                        place, pair, walls[0], (p - o0) * per, (q - o1) * per, (r - o2) * per,
+                        thick, voxel,
+                    )  # fmt: skip
+                    if walls[1] > 1:
+                        fill += wall_fill(
+                            thin_place, thin_pair, walls[1], (p - t0) * thin_per,
+                            (q - t1) * thin_per, (r - t2) * thin_per, thin_share * thick, voxel,
+                        )  # fmt: skip
+                if fill <= 0.0:
+                    labels[i, j, k] = name[MUSCLE] if in_muscle else name[ADIPOSE]
+                    continue
+                lot = lattice_hash(i, j, k, key + 7) / 4294967296.0
+                if in_muscle:
+                    labels[i, j, k] = name[ADIPOSE] if lot < fill else name[MUSCLE]
+                else:
+                    labels[i, j, k] = name[_step(fill, lot)]
+
+
+@kernel
+def _step(fill: float, lot: float) -> int:
+    """Place in `Paint.labels` of a filling: the step below or above, so that its mean is right."""
+    if fill < 0.125:
+        return EIGHTH if lot < fill / 0.125 else ADIPOSE
+    if fill < 0.25:
+        return QUARTER if lot < (fill - 0.125) / 0.125 else EIGHTH
+    if fill < 0.5:
+        return HALF if lot < (fill - 0.25) / 0.25 else QUARTER
+    return LIGAMENT if lot < (fill - 0.5) / 0.5 else HALF
