@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from os import PathLike
 
-import highdicom as hd
 import numpy as np
 from highdicom import sr
 from pydicom import Dataset
@@ -14,16 +13,13 @@ from pydicom.sr.coding import Code
 
 from mammosim.acquisition import Mammogram
 from mammosim.export.atomic import whole_file
+from mammosim.export.derived_objects import place_in_study, settle
 from mammosim.export.dicom import mammogram_dataset
 from mammosim.export.dicom_modules import (
     breast_pixel_mm,
-    identification,
     long_string,
-    series_description,
-    series_of,
-    set_attributes,
 )
-from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
+from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.segmentation import lesion_codes, segmentation_dataset
 from mammosim.export.settings import ExportSettings
@@ -41,9 +37,6 @@ _FIBROGLANDULAR = Code("111046", "DCM", "Percent Fibroglandular Tissue")
 _PERCENT = Code("%", "UCUM", "percent")
 _BREAST = Code("76752008", "SCT", "Breast")
 _SIDE = {"L": Code("7771000", "SCT", "Left"), "R": Code("24028007", "SCT", "Right")}
-
-# Attributes of images that a report does not have.
-_OF_IMAGES = ("AcquisitionDate", "AcquisitionTime", "PatientComments")
 
 _REFERENCED_SOP_SEQUENCE = 0x00081199
 
@@ -80,7 +73,6 @@ def write_measurements(
     """
     view = mammogram.gantry.view
     source = mammogram_dataset(mammogram, "presentation", study, settings)
-    series_uid, series_number = series_of(study, "measurements", view)
     segmentation = segmentation_dataset(masks, mammogram, study, settings)
     groups = [
         _group(number, lesion, mammogram, segmentation, source)
@@ -103,15 +95,12 @@ def write_measurements(
     report = sr.ComprehensiveSR(
         evidence=[source, segmentation],
         content=content,
-        series_instance_uid=series_uid,
-        series_number=series_number,
-        sop_instance_uid=study.uid("image", view.folder, "measurements"),
-        instance_number=1,
-        manufacturer="mammosim",
+        **place_in_study(study, "measurements", view),
         is_complete=True,
         is_verified=False,
     )
-    _settle(report, mammogram, study, settings)
+    settle(report, study, settings, "measurements", view, " measurements")
+    _leave_one_reference(report)
     with whole_file(path) as part:
         report.save_as(part, enforce_file_format=True)
 
@@ -179,20 +168,8 @@ def _segment_number(frame: Dataset, shared: Dataset) -> int:
     return int(where.SegmentIdentificationSequence[0].ReferencedSegmentNumber)
 
 
-def _settle(
-    report: hd.sr.ComprehensiveSR,
-    mammogram: Mammogram,
-    study: StudyIdentity,
-    settings: ExportSettings,
-) -> None:
-    """Put in who and when, and take out what the standard does not allow beside a frame number."""
-    named = identification(study, settings, "measurements", mammogram.gantry.view)
-    set_attributes(report, {key: value for key, value in named.items() if key not in _OF_IMAGES})
-    report.SeriesDescription = series_description(mammogram.gantry.view, " measurements")
-    report.file_meta.ImplementationClassUID = IMPLEMENTATION_UID
-    report.file_meta.ImplementationVersionName = "MAMMOSIM"
-    for equipment in report.get("ContributingEquipmentSequence", ()):
-        equipment.ContributionDateTime = f"{settings.date}000000"
+def _leave_one_reference(report: Dataset) -> None:
+    """Take out what the standard does not allow beside a frame number."""
     for element in report.iterall():
         if element.tag == _REFERENCED_SOP_SEQUENCE:
             for item in element.value:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from os import PathLike
 
-import highdicom as hd
 import numpy as np
 from contourpy import LineType, contour_generator
 from highdicom import pr
@@ -15,23 +14,17 @@ from pydicom import Dataset
 from mammosim._version import VERSION
 from mammosim.acquisition import Mammogram
 from mammosim.export.atomic import whole_file
+from mammosim.export.derived_objects import place_in_study, settle
 from mammosim.export.dicom import mammogram_dataset
 from mammosim.export.dicom_modules import (
-    identification,
     long_string,
-    series_description,
-    series_of,
-    set_attributes,
 )
-from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
+from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.settings import ExportSettings
 
 GAP_PX = 12.0
 """Between a lesion's outline and its name, pixels."""
-
-# Attributes of images that a presentation state does not have.
-_OF_IMAGES = ("AcquisitionDate", "AcquisitionTime", "PatientComments")
 
 
 def write_presentation_state(
@@ -71,15 +64,10 @@ def presentation_state_dataset(
     """Make the presentation state; the parameters are `write_presentation_state`'s."""
     view = mammogram.gantry.view
     source = mammogram_dataset(mammogram, "presentation", study, settings)
-    series_uid, series_number = series_of(study, "state", view)
     layer = pr.GraphicLayer("LESIONS", 1, "Simulated lesions")
     state = pr.GrayscaleSoftcopyPresentationState(
         referenced_images=[source],
-        series_instance_uid=series_uid,
-        series_number=series_number,
-        sop_instance_uid=study.uid("image", view.folder, "state"),
-        instance_number=1,
-        manufacturer="mammosim",
+        **place_in_study(study, "state", view),
         manufacturer_model_name="mammosim",
         software_versions=VERSION,
         device_serial_number="simulated",
@@ -95,7 +83,10 @@ def presentation_state_dataset(
             )
         ],
     )
-    _settle(state, mammogram, study, settings)
+    settle(state, study, settings, "state", view, " lesion outlines")
+    state.Laterality = view.laterality
+    state.PresentationCreationDate = settings.date
+    state.PresentationCreationTime = "000000"
     return state
 
 
@@ -142,22 +133,3 @@ def _annotation(
         graphic_objects=graphics,
         text_objects=[text],
     )
-
-
-def _settle(
-    state: hd.pr.GrayscaleSoftcopyPresentationState,
-    mammogram: Mammogram,
-    study: StudyIdentity,
-    settings: ExportSettings,
-) -> None:
-    """Put in who and when, in place of the clock."""
-    view = mammogram.gantry.view
-    named = {**identification(study, settings, "state", view), "Laterality": view.laterality}
-    set_attributes(state, {key: value for key, value in named.items() if key not in _OF_IMAGES})
-    state.SeriesDescription = series_description(view, " lesion outlines")
-    state.PresentationCreationDate = settings.date
-    state.PresentationCreationTime = "000000"
-    state.file_meta.ImplementationClassUID = IMPLEMENTATION_UID
-    state.file_meta.ImplementationVersionName = "MAMMOSIM"
-    for equipment in state.get("ContributingEquipmentSequence", ()):
-        equipment.ContributionDateTime = f"{settings.date}000000"

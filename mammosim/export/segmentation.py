@@ -13,15 +13,12 @@ from pydicom.sr.coding import Code
 from mammosim._version import VERSION
 from mammosim.acquisition import Mammogram
 from mammosim.export.atomic import whole_file
+from mammosim.export.derived_objects import place_in_study, settle
 from mammosim.export.dicom import mammogram_dataset
 from mammosim.export.dicom_modules import (
-    identification,
     long_string,
-    series_description,
-    series_of,
-    set_attributes,
 )
-from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
+from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.orientation import patient_orientation
 from mammosim.export.settings import ExportSettings
@@ -84,7 +81,6 @@ def segmentation_dataset(
     """Make the segmentation; the parameters are `write_segmentation`'s."""
     view = mammogram.gantry.view
     source = mammogram_dataset(mammogram, "presentation", study, settings)
-    series_uid, series_number = series_of(study, "segmentation", view)
     segmentation = hd.seg.Segmentation(
         source_images=[source],
         pixel_array=np.stack([lesion.mask for lesion in masks], axis=-1)[np.newaxis],
@@ -92,11 +88,7 @@ def segmentation_dataset(
         segment_descriptions=[
             _description(number, lesion, study) for number, lesion in enumerate(masks, start=1)
         ],
-        series_instance_uid=series_uid,
-        series_number=series_number,
-        sop_instance_uid=study.uid("image", view.folder, "segmentation"),
-        instance_number=1,
-        manufacturer="mammosim",
+        **place_in_study(study, "segmentation", view),
         manufacturer_model_name="mammosim",
         software_versions=VERSION,
         device_serial_number="simulated",
@@ -143,17 +135,11 @@ def _settle(
 ) -> None:
     """Put in what highdicom leaves out, and replace the clock and its random UIDs."""
     view = mammogram.gantry.view
-    set_attributes(segmentation, identification(study, settings, "segmentation", view))
-    segmentation.SeriesDescription = series_description(view, " lesion masks")
+    settle(segmentation, study, settings, "segmentation", view, " lesion masks", is_image=True)
     # The spacing is that of the image referred to. highdicom writes none without a slice thickness,
     # but a projection has none, and viewers that find one make a volume of the shadow.
     del segmentation.SharedFunctionalGroupsSequence[0].PixelMeasuresSequence
     segmentation.PatientOrientation = patient_orientation(view)
-    segmentation.file_meta.ImplementationClassUID = IMPLEMENTATION_UID
-    segmentation.file_meta.ImplementationVersionName = "MAMMOSIM"
     organization = study.uid("dimensions", view.folder)
     for item in (*segmentation.DimensionOrganizationSequence, *segmentation.DimensionIndexSequence):
         item.DimensionOrganizationUID = organization
-    for equipment in segmentation.ContributingEquipmentSequence:
-        if "ContributionDateTime" in equipment:
-            equipment.ContributionDateTime = f"{settings.date}000000"
