@@ -124,7 +124,7 @@ def build_lattice(
 
 
 def gather_tissue(
-    breast: BreastPhantom, view: View, frame: VoxelFrame, moduli: Moduli
+    breast: BreastPhantom, view: View, frame: VoxelFrame, value_of: Callable[[str], float]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Tissue in the blocks around the points of a frame (compression frame), each [x, y, z].
 
@@ -132,12 +132,23 @@ def gather_tissue(
     -------
     fraction : ndarray of float32
         Part of the block that is tissue.
-    modulus : ndarray of float32
-        Mean modulus of that tissue, kPa; 0 where there is none.
+    mean : ndarray of float32
+        Mean of a positive property over that tissue, `value_of` its name; 0 where there is none.
     muscle : ndarray of float32
         Part of that tissue that is muscle.
     """
-    return _gather(breast, view, frame, moduli)
+    fraction, mean, muscle = (np.zeros(frame.shape, np.float32) for _ in range(3))
+    fineness = float(frame.spacing_mm[0]) / breast.voxel_mm.min()
+    samples = int(np.clip(np.ceil(fineness - 1e-6), 2, MOST_SAMPLES))
+    values = np.zeros(256, np.float32)
+    for label, name in breast.tissue_of_label.items():
+        if name != "air":
+            values[label] = value_of(name)
+    gather_blocks(
+        breast.labels, values, _table(breast, "muscle"), _to_voxel(breast, view, frame), samples,
+        fraction, mean, muscle,
+    )  # fmt: skip
+    return fraction, mean, muscle
 
 
 def tissue_mean(
@@ -154,27 +165,9 @@ def tissue_mean(
     value_of : callable
         The property of a tissue, by its name.
     """
-    _, mean, _ = _gather(breast, view, lattice.frame, value_of)
+    mean = block_mean(breast, view, lattice.frame, value_of)
     mean[~lattice.tissue] = 0.0
     return mean
-
-
-def _gather(
-    breast: BreastPhantom, view: View, frame: VoxelFrame, value_of: Callable[[str], float]
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Tissue fraction, mean property and muscle's part of the blocks around a frame's points."""
-    fraction, mean, muscle = (np.zeros(frame.shape, np.float32) for _ in range(3))
-    fineness = float(frame.spacing_mm[0]) / breast.voxel_mm.min()
-    samples = int(np.clip(np.ceil(fineness - 1e-6), 2, MOST_SAMPLES))
-    values = np.zeros(256, np.float32)
-    for label, name in breast.tissue_of_label.items():
-        if name != "air":
-            values[label] = value_of(name)
-    gather_blocks(
-        breast.labels, values, _table(breast, "muscle"), _to_voxel(breast, view, frame), samples,
-        fraction, mean, muscle,
-    )  # fmt: skip
-    return fraction, mean, muscle
 
 
 def block_mean(
@@ -191,7 +184,7 @@ def block_mean(
     value_of : callable
         The property of a tissue, by its name.
     """
-    return _gather(breast, view, frame, value_of)[1]
+    return gather_tissue(breast, view, frame, value_of)[1]
 
 
 def tissue_part(
@@ -208,7 +201,7 @@ def tissue_part(
     tissue : str
         Its name in the table.
     """
-    part, _, _ = _gather(breast, view, frame, lambda name: float(name == tissue))
+    part, _, _ = gather_tissue(breast, view, frame, lambda name: float(name == tissue))
     return part
 
 

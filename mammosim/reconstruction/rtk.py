@@ -64,7 +64,7 @@ def reconstruct_by_rtk(
     """
     itk, rtk = load_rtk()
     geometry = _geometry(itk, rtk, gantries, grid)
-    stack = _projections(itk, attenuation, gantries[0], grid)
+    stack = _projections(itk, attenuation, gantries[0])
     source = _empty_volume(itk, rtk, grid)
     if settings.method == "fdk":
         attenuation *= _angular_weights(gantries)[:, None, None]
@@ -113,10 +113,8 @@ def _pixel_mm(gantry: Gantry, row: int, column: int) -> NDArray[np.float64]:
     return np.append(gantry.detector_xy_mm(row, column), -gantry.support_to_detector_mm)
 
 
-def _projections(
-    itk: Any, attenuation: NDArray[np.float32], gantry: Gantry, grid: VolumeGrid
-) -> Any:
-    """The stack as RTK sees it: pixel [0, 0] at the corner that `_geometry` tells."""
+def _projections(itk: Any, attenuation: NDArray[np.float32], gantry: Gantry) -> Any:
+    """The stack as RTK sees it: pixel [0, 0] is at the corner that `_geometry` gives."""
     image = itk.image_view_from_array(attenuation)
     image.SetSpacing((gantry.pixel_mm, gantry.pixel_mm, 1.0))
     image.SetOrigin((0.0, 0.0, 0.0))

@@ -8,6 +8,7 @@ is a rigid solid of any shape that `depth_in_plate` knows.
 import numpy as np
 
 from mammosim._jit import contracting_kernel, inlined_kernel
+from mammosim.compression.hyperelastic._corner_kernels import neighbour
 from mammosim.compression.plates._plate_kernels import depth_in_plate
 
 SAMPLES = 4
@@ -226,11 +227,7 @@ def add_contact_stiffness(blocks, area, cells, local, out_stencil):
             i, j = cells[n, 0] + node // 4, cells[n, 1] + (node // 2) % 2
             k, own = cells[n, 2] + node % 2, _weight(local, n, node) * area[n]
             for other in range(node, 8):
-                offset = (
-                    9 * (other // 4 - node // 4)
-                    + 3 * ((other // 2) % 2 - (node // 2) % 2)
-                    + other % 2 - node % 2
-                )  # fmt: skip
+                offset = neighbour(node, other)
                 both = own * _weight(local, n, other)
                 block = 9 * offset
                 out_stencil[i, j, block, k] += both * xx

@@ -8,6 +8,7 @@ stiffness over `SMOOTHED` of stretch and stays there. It is convex in F.
 import numpy as np
 
 from mammosim._jit import contracting_kernel, inlined_kernel
+from mammosim.compression.hyperelastic._corner_kernels import neighbour
 
 SMOOTHED = 0.015
 """Stretch over which fibres take hold."""
@@ -95,11 +96,7 @@ def add_fibre_stiffness(u, cells, direction, stiffness, out_stencil):
             i, j = cells[n, 0] + node // 4, cells[n, 1] + (node // 2) % 2
             k, own = cells[n, 2] + node % 2, _along(direction, n, node)
             for other in range(node, 8):
-                offset = (
-                    9 * (other // 4 - node // 4)
-                    + 3 * ((other // 2) % 2 - (node // 2) % 2)
-                    + other % 2 - node % 2
-                )  # fmt: skip
+                offset = neighbour(node, other)
                 both = own * _along(direction, n, other)
                 for entry in range(9):
                     out_stencil[i, j, 9 * offset + entry, k] += both * block[entry]

@@ -7,6 +7,7 @@ smooth deformation has little of it: a part of the order of the square of the ce
 """
 
 from mammosim._jit import contracting_kernel, inlined_kernel
+from mammosim.compression.hyperelastic._corner_kernels import neighbour
 
 
 @inlined_kernel
@@ -48,11 +49,7 @@ def add_shape_stiffness(cells, stiffness, out_stencil):
             i, j = cells[n, 0] + node // 4, cells[n, 1] + (node // 2) % 2
             k = cells[n, 2] + node % 2
             for other in range(node, 8):
-                offset = (
-                    9 * (other // 4 - node // 4)
-                    + 3 * ((other // 2) % 2 - (node // 2) % 2)
-                    + other % 2 - node % 2
-                )  # fmt: skip
+                offset = neighbour(node, other)
                 value = stiffness[n] * _hourglass(node, other)
                 for d in range(3):
                     out_stencil[i, j, 9 * offset + 4 * d, k] += value

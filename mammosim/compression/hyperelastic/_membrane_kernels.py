@@ -12,6 +12,7 @@ zero where the membrane is slack, that of uniaxial tension where it wrinkles. It
 import numpy as np
 
 from mammosim._jit import contracting_kernel, inlined_kernel
+from mammosim.compression.hyperelastic._corner_kernels import neighbour
 
 SLACK, WRINKLED, TAUT = 0, 1, 2
 """State of the membrane at a point."""
@@ -160,11 +161,7 @@ def add_membrane_stiffness(u, cells, gradients, tangents, stiffness, out_stencil
             k, a, b = cells[n, 2] + node % 2, gradients[n, node, 0], gradients[n, node, 1]
             a, b = stiffness[n] * a, stiffness[n] * b
             for other in range(node, 8):
-                offset = (
-                    9 * (other // 4 - node // 4)
-                    + 3 * ((other // 2) % 2 - (node // 2) % 2)
-                    + other % 2 - node % 2
-                )  # fmt: skip
+                offset = neighbour(node, other)
                 p, q = gradients[n, other, 0], gradients[n, other, 1]
                 for r in range(3):
                     for c in range(3):
