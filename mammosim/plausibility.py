@@ -64,7 +64,7 @@ LIMITS: tuple[Limit, ...] = (
     Limit(
         "force_imbalance_percent", "difference between the forces on paddle and support", "%",
         -math.inf, 5.0, math.inf,
-        "the breast hangs on the chest wall between plates that are not at its height, "
+        "the plates are not level with the breast, so that the chest wall carries the rest, "
         "or the solver is not at equilibrium",
         "assumed: without gravity the two forces differ only by what the chest wall carries. "
         "No error yet: the plates' default heights leave up to 60 % with springs",

@@ -35,12 +35,14 @@ def believed(compressed: CompressedBreast, settings: CompressionSettings) -> Com
         **model.quantities(compressed, settings),
     }
     found = doubts(quantities)
-    compressed = replace(compressed, notes=(*compressed.notes, *(str(doubt) for doubt in found)))
+    folder = compressed.view.folder
+    noted = tuple(f"{folder}: {doubt}" for doubt in found)
+    compressed = replace(compressed, notes=(*compressed.notes, *noted))
     refused = [str(doubt) for doubt in found if doubt.severity == "error"]
     if refused:
         reason = "; ".join(refused)
         raise NotConverged(
-            f"{compressed.view.folder}: no credible result: {reason}",
+            f"{folder}: no credible result: {reason}",
             replace(compressed, converged=False),
         )
     return compressed
