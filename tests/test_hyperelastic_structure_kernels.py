@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from naive import structure as naive
 
 from mammosim.compression.hyperelastic.fascia import Fascia
 from mammosim.compression.hyperelastic.fibres import Fibres
@@ -10,7 +11,6 @@ from mammosim.compression.hyperelastic.membrane import Membrane
 from mammosim.compression.hyperelastic.surface import SurfacePoints
 from mammosim.compression.hyperelastic.surface_cells import SurfaceCells
 from mammosim.compression.multigrid import BlockLevel
-from tests.naive import structure as naive
 
 RADIUS = 9.0
 """Of the balloon, cells."""
@@ -187,6 +187,33 @@ def test_corner_stiffness_is_the_slope_of_its_forces():
     cells.add_tangent(u, stencil)
     assert energy == pytest.approx(0.5 * (force * u).sum())
     assert np.abs(image(stencil, u) - force).max() < 1e-5 * np.abs(force).max()
+
+
+def test_corner_forces_are_those_of_the_plain_twin():
+    active = np.zeros((5, 5, 5), bool)
+    active[1:3, 1:3, 1:3] = True
+    cells = SurfaceCells.of(active, active.astype(np.float32), 0.7)
+    u = np.random.default_rng(6).standard_normal((3, 5, 5, 5))
+    force = np.zeros_like(u)
+    energy = cells.add_forces(u, force)
+    assert energy == pytest.approx(naive.corner_energy(u, cells), rel=1e-10)
+    expected = naive.force_of(lambda moved: naive.corner_energy(moved, cells), u, cells.cells)
+    # a quadratic: differences are exact but for rounding of 1e-16 over the step of 1e-6
+    assert np.abs(force - expected).max() < 1e-7 * np.abs(expected).max()
+
+
+def test_fibre_forces_are_those_of_the_plain_twin():
+    shear = np.zeros((5, 5, 5), np.float32)
+    shear[1:3, 1:3, 1:3] = 2.0
+    fibres = Fibres.of(shear, np.array([-3.0, 2.2, 1.7]), 2.5)
+    u = 0.3 * np.random.default_rng(8).standard_normal((3, 5, 5, 5))
+    force = np.zeros_like(u)
+    energy = fibres.add_forces(u, force)
+    assert energy > 0.0
+    assert energy == pytest.approx(naive.fibre_energy(u, fibres), rel=1e-10)
+    expected = naive.force_of(lambda moved: naive.fibre_energy(moved, fibres), u, fibres.cells)
+    # central differences of 1e-6: good to about 1e-9 of the largest force
+    assert np.abs(force - expected).max() < 1e-7 * np.abs(expected).max()
 
 
 def fibrous_block(ratio=3.0):

@@ -1,9 +1,9 @@
-"""Slow, plain twin of the skin's membrane, from its definition."""
+"""Slow, plain twins of skin, fibres and the corners of surface cells, from their definitions."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy import optimize
+from scipy import integrate, optimize
 
 
 def gradients(u, membrane):
@@ -57,18 +57,54 @@ def membrane_energy(u, membrane):
     )
 
 
-def membrane_force(u, membrane, step=1e-6):
-    """Derivative of the energy by each displacement, by central differences."""
+def fibre_energy(u, fibres):
+    """Energy of all fibres: k (L - 1)^2 / 2, taking hold over 0.015 of stretch."""
+    total = 0.0
+    for cell, direction, stiffness in zip(
+        fibres.cells, fibres.direction, fibres.stiffness, strict=True
+    ):
+        gradient = np.eye(3)
+        for corner in np.ndindex(2, 2, 2):
+            slope = 0.25 * (2.0 * np.array(corner) - 1.0)  # of a trilinear function, at the centre
+            gradient += np.outer(u[(slice(None), *np.add(cell, corner))], slope)
+        stretch = np.linalg.norm(gradient @ direction)
+        curvature = integrate.quad(  # W'' rises from 0 to 1: W by two integrations
+            lambda s, end=stretch: (end - s) * min(max(s - 1.0, 0.0) / 0.015, 1.0),
+            1.0, max(stretch, 1.0), points=[1.015] if stretch > 1.015 else None,
+            epsabs=1e-14, epsrel=1e-13,
+        )[0]  # fmt: skip
+        total += stiffness * curvature
+    return total
+
+
+def corner_energy(u, cells):
+    """Half the stiffness times what least squares leave of a uniform deformation, squared."""
+    corners = np.array(list(np.ndindex(2, 2, 2)))
+    uniform = np.column_stack([np.ones(8), corners])
+    total = 0.0
+    for cell, stiffness in zip(cells.cells, cells.stiffness, strict=True):
+        moved = np.array([u[(slice(None), *(cell + corner))] for corner in corners])
+        best, *_ = np.linalg.lstsq(uniform, moved, rcond=None)
+        total += 0.5 * stiffness * np.sum((moved - uniform @ best) ** 2)
+    return total
+
+
+def force_of(energy, u, cells, step=1e-6):
+    """Derivative of an energy by each displacement that its cells hold, by central differences."""
     force = np.zeros_like(u)
     for place in np.ndindex(u.shape):
         if not any(
-            all(c <= n <= c + 1 for c, n in zip(cell, place[1:], strict=True))
-            for cell in membrane.cells
+            all(c <= n <= c + 1 for c, n in zip(cell, place[1:], strict=True)) for cell in cells
         ):
             continue
         moved = u.copy()
         moved[place] += step
-        ahead = membrane_energy(moved, membrane)
+        ahead = energy(moved)
         moved[place] -= 2.0 * step
-        force[place] = (ahead - membrane_energy(moved, membrane)) / (2.0 * step)
+        force[place] = (ahead - energy(moved)) / (2.0 * step)
     return force
+
+
+def membrane_force(u, membrane, step=1e-6):
+    """Derivative of the membrane's energy by each displacement."""
+    return force_of(lambda moved: membrane_energy(moved, membrane), u, membrane.cells, step)
