@@ -35,22 +35,22 @@ def test_noise_agrees_with_its_twin():
 
 def test_gland_is_where_the_potential_exceeds_the_threshold():
     """Blocks that are decided from their corners hold what their voxels would have been given."""
-    settings = GenerateSettings(voxel_mm=2.5, volume_ml=300.0, density="c")
+    settings = GenerateSettings(voxel_mm=2.5, volume_ml=120.0, density="c")
     anatomy = generate._anatomy(settings, 5)
     lattice = generate._lattice(anatomy, settings.voxel_mm)
     texture = generate._texture(anatomy, 5)
     paint = generate._paint(anatomy)._replace(threshold=0.7)
     size = (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size)
     labels = np.zeros(size, np.uint8)
-    _tissue_kernels.paint_tissue(
-        generate._dealt(lattice.x_start.size - 1), labels, lattice, texture, paint
-    )
+    half = lattice.x_start.size // 2
+    slab = np.arange(half - 4, half + 4)  # enough of the breast, and quick as plain Python too
+    _tissue_kernels.paint_tissue(slab, labels, lattice, texture, paint)
     gland = labels == LABEL["gland"]
     soft = np.isin(labels, [LABEL[name] for name in ("adipose", "gland", *SEPTA)])
     soft &= ndimage.binary_erosion(soft, iterations=2)  # where the skin's dither does not reach
     soft &= ~ndimage.binary_dilation(labels == LABEL["muscle"], iterations=2)  # fat within it
     rng, checked, differ = np.random.default_rng(1), 0, 0
-    for index in rng.permutation(np.argwhere(soft))[:400]:
+    for index in rng.permutation(np.argwhere(soft)):
         point = np.array([axis[n] for axis, n in zip(lattice[:3], index, strict=True)])
         wanted = naive.gland_potential(texture, lattice.coarse_origin_mm, 2.0, point)
         if abs(wanted - 0.7) > 1e-6:
@@ -58,8 +58,8 @@ def test_gland_is_where_the_potential_exceeds_the_threshold():
             checked += 1
     # A wall that is nearest somewhere in a block but was not gathered for its centre: one in a
     # thousand places where coordinates are bent most.
-    assert differ <= 2
-    assert checked > 350
+    assert differ <= 1
+    assert checked > 200
     assert 0.05 < gland[soft].mean() < 0.9
 
 
@@ -75,10 +75,15 @@ def test_noise_is_zero_at_lattice_points_and_of_unit_variance():
 
 @pytest.fixture(scope="module")
 def net():
-    """A net whose coordinates are turned and stretched against real ones."""
+    """A net whose coordinates are turned and stretched against real ones.
+
+    Its seeds are in double precision: where the compiled kernel adds an integer and a single in
+    double precision, NumPy adds them in single, and the two would differ by a millionth of a cell.
+    """
     rng = np.random.default_rng(4)
     axis = np.arange(0.0, 60.0, 2.0)
     drawn = lobules.draw_net([axis] * 3, 10.0, rng)
+    drawn = drawn._replace(seeds=drawn.seeds.astype(float))
     return drawn, np.array([[0.8, 0.1, 0.0], [-0.2, 1.1, 0.0], [0.0, 0.3, 0.6]])
 
 
