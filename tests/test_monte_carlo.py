@@ -5,7 +5,11 @@ import numpy as np
 import pytest
 from naive import monte_carlo as naive
 
-from mammosim.acquisition.attenuation import BEAM_MATERIALS
+from mammosim.acquisition.attenuation import (
+    BEAM_MATERIALS,
+    attenuation_per_mm,
+    cross_section_cm2_g,
+)
 from mammosim.acquisition.detectors import find_detector
 from mammosim.acquisition.monte_carlo import (
     Grid,
@@ -13,6 +17,11 @@ from mammosim.acquisition.monte_carlo import (
     dose_map_mgy,
     photon_tables,
     smoothed_scatter,
+)
+from mammosim.acquisition.monte_carlo.compton import (
+    impulse_function,
+    scattering_function,
+    shells_of,
 )
 from mammosim.acquisition.monte_carlo.tables import angular_densities
 from mammosim.errors import InputError
@@ -32,15 +41,53 @@ def slab(thickness_mm=20.0, **keys):
 
 @pytest.mark.parametrize("material", [GLAND, ADIPOSE, BEAM_MATERIALS["polycarbonate"], CLIP])
 def test_angular_distributions_give_back_the_total_cross_sections(material):
-    """Integrals of form factors against xraylib's own totals."""
+    """Integrals of form factors and scattering functions against xraylib's own totals."""
     tables = photon_tables([material], 12.0, 30.0)
+    np.testing.assert_allclose(
+        tables.total[:, 0], attenuation_per_mm(material, tables.energy_kev), rtol=1e-12
+    )
     densities = angular_densities(material, tables.energy_kev)
-    for density, total in zip(densities, (tables.incoherent, tables.coherent), strict=True):
-        # r_e^2/2 times 8 pi s ds, 1/(g mol) -> cm2/g -> 1/mm
-        integral = np.trapezoid(density, S, axis=1) * 0.5 * 0.0794078 * 0.602214 * 8.0 * np.pi
-        integral *= 0.1 * material.density_g_cm3
-        # 0.6 % for the elements of tissue, 1 % for titanium: two evaluations of the same theory
-        np.testing.assert_allclose(integral, total[:, 0], rtol=0.01)
+    # r_e^2/2 times 8 pi s ds, 1/(g mol) -> cm2/g -> 1/mm
+    unit = 0.5 * 0.0794078 * 0.602214 * 8.0 * np.pi * 0.1 * material.density_g_cm3
+    incoherent, coherent = (unit * np.trapezoid(part, S, axis=1) for part in densities)
+    # both were scaled together so that the sum over all processes is the primary's: 1 %
+    np.testing.assert_allclose(
+        incoherent / coherent, tables.incoherent[:, 0] / tables.coherent[:, 0], rtol=0.01
+    )
+    beam = tables.energy_kev >= 12.0
+    for name, integral, close in (("CS_Compt", incoherent, 0.05), ("CS_Rayl", coherent, 0.01)):
+        known = cross_section_cm2_g(name, material, tables.energy_kev)
+        # form factors: 0.6 % in tissue, 1 % in titanium, two evaluations of one theory; Compton:
+        # impulse approximation against Waller and Hartree's, 2 to 4 % above 12 keV
+        np.testing.assert_allclose(
+            integral[beam], 0.1 * material.density_g_cm3 * known[beam], rtol=close, err_msg=name
+        )
+
+
+def test_one_parameter_profiles_stand_for_those_of_biggs_mendelsohn_and_mann():
+    energy, cosine = 20.0, np.cos(np.radians([20.0, 45.0, 90.0, 150.0]))
+    found = scattering_function(ADIPOSE, np.array([energy]), cosine)[0]
+    expected = [
+        naive.electrons_that_scatter(energy, c, ADIPOSE.density_g_cm3, ADIPOSE.mass_fraction)
+        for c in cosine
+    ]
+    # the shape of each profile, and 0.1 % of heavier elements' electrons, that the twin leaves out
+    np.testing.assert_allclose(found, expected, rtol=0.02)
+
+
+def test_compton_scattering_of_polystyrene_is_that_of_penelope():
+    """54.04 mm between Compton events at 16.8 keV: PENELOPE 2006, table of MC-GPU."""
+    energy, s = np.array([16.8]), np.linspace(0.0, 1.0, 1001)
+    cosine = 1.0 - 2.0 * s**2
+    electrons = sum(
+        fraction / weight * impulse_function(shells_of(symbol), energy, cosine)[0]
+        for symbol, fraction, weight in (("C", 0.922582, 12.011), ("H", 0.077418, 1.008))
+    )
+    ratio = 1.0 / (1.0 + energy / 510.999 * (1.0 - cosine))
+    section = ratio**2 * (ratio + 1.0 / ratio - 1.0 + cosine**2) * electrons * s
+    per_mm = np.trapezoid(section, s) * 4.0 * np.pi * 0.0794078 * 0.602214 * 0.106
+    # PENELOPE has ionisation energies of free atoms in place of xraylib's: 0.3 %
+    assert 1.0 / per_mm == pytest.approx(54.04, rel=0.005)
 
 
 @pytest.mark.parametrize("material", [GLAND, ADIPOSE, CLIP])
@@ -230,7 +277,7 @@ def test_dose_of_the_materials_of_one_mixture_and_its_map():
     # most photons still have their first energy; the ratio hardly depends on it
     assert gland / adipose == pytest.approx(kerma[0] / kerma[1], rel=0.01)
     assert np.isnan(absorbed.dose_mgy("muscle")[0])
-    dose = dose_map_mgy(tallies, case.scene, case.tables)
+    dose = dose_map_mgy(tallies, case.scene)
     grams = 0.5 * (GLAND.density_g_cm3 + ADIPOSE.density_g_cm3) * 1e-3
     mean = (gland * GLAND.density_g_cm3 + adipose * ADIPOSE.density_g_cm3) * 0.5e-3 / grams
     assert dose.mean() == pytest.approx(mean, rel=1e-4)  # sums in 32 bits

@@ -76,8 +76,8 @@ def test_flight_agrees_with_its_twin():
         direction /= np.linalg.norm(direction)
         tally = np.zeros(len(case.scene.fraction))
         steps, through = fly(
-            plan, space, attenuation.astype(np.float32), (*start, *direction),
-            int(np.ravel_multi_index(cell, shape)), (2.0, 20.0), path, tally,
+            plan, space, attenuation.astype(np.float32), np.zeros(1, np.float32),
+            (*start, *direction), int(np.ravel_multi_index(cell, shape)), 2.0, path, tally,
             np.zeros(1, np.float32),
         )  # fmt: skip
         expected = naive.crossed_lengths(planes, start, direction)

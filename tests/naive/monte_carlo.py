@@ -114,11 +114,60 @@ def pencil(x_mm, y_mm, width_mm=0.2):
     )
 
 
+def electrons_that_scatter(energy_kev, cosine, density_g_cm3, mass_fraction):
+    """Moles of electrons a gram that scatter by an angle, in the impulse approximation.
+
+    The profiles of Biggs, Mendelsohn and Mann, integrated up to the largest momentum; carbon's
+    four outer electrons are a Fermi gas, whose profile is a parabola.
+    """
+    import xraylib
+
+    def largest_momentum(bound_kev):
+        left, away = energy_kev - bound_kev, 1.0 - cosine
+        squared = 2.0 * energy_kev * left * away + bound_kev**2
+        lost = energy_kev * left * away - 510.999 * bound_kev
+        return 137.036 * lost / (510.999 * math.sqrt(squared))
+
+    def cumulated(profile, up_to):
+        p = np.linspace(0.0, min(abs(up_to), 99.0), 200)
+        half = np.trapezoid([profile(float(at)) for at in p], p)
+        return 0.5 + math.copysign(half, up_to)
+
+    total = 0.0
+    for symbol, fraction in mass_fraction.items():
+        number = xraylib.SymbolToAtomicNumber(symbol)
+        moles = fraction / xraylib.AtomicWeight(number)
+        for shell in range(4 if number < 11 else 0):
+            try:
+                electrons = xraylib.ElectronConfig(number, shell)
+                bound = xraylib.EdgeEnergy(number, shell)
+                xraylib.ComptonProfile_Partial(number, shell, 0.0)
+            except ValueError:
+                continue
+            if symbol == "C" and shell > 0:
+                continue
+
+            def profile(p, number=number, shell=shell):
+                return xraylib.ComptonProfile_Partial(number, shell, p)
+
+            total += moles * electrons * cumulated(profile, largest_momentum(bound))
+        if symbol == "C":
+            density = 4.0 * moles * density_g_cm3 * 6.02214076e23 * 5.29177211e-9**3
+            edge = (3.0 * math.pi**2 * density) ** (1.0 / 3.0)
+
+            def gas(p, edge=edge):
+                return 0.75 * max(edge**2 - p**2, 0.0) / edge**3
+
+            total += 4.0 * moles * cumulated(gas, largest_momentum(0.0))
+    return total
+
+
 def single_scatter(case, centre_mm, volume_mm3, cells_mm, energy_kev):
     """Energy per mm2 that a point-like scatterer sends to points (x, y) of the detector.
 
-    Thomson's and Klein and Nishina's cross-sections with the form factors of xraylib, for a
-    fluence of one photon per mm2 on the detector's plane; attenuation left out.
+    Thomson's and Klein and Nishina's cross-sections with form factors of xraylib and
+    `electrons_that_scatter`, for a fluence of one photon per mm2 on the detector's plane;
+    attenuation left out.
     """
     import xraylib
 
@@ -130,6 +179,13 @@ def single_scatter(case, centre_mm, volume_mm3, cells_mm, energy_kev):
     height = case.gantry.focal_spot_height_mm
     fluence = (height / near) ** 2  # photons per mm2 across the ray, for 1 at the plane's foot
     gland = MATERIALS["gland"]
+    halves = np.linspace(1e-3, 1.0, 41)  # sin(theta / 2)
+    electrons = [
+        electrons_that_scatter(
+            energy_kev, 1.0 - 2.0 * s**2, gland.density_g_cm3, gland.mass_fraction
+        )
+        for s in halves
+    ]
     electrons_barn = 0.0794078  # classical electron radius squared, barn (CODATA)
     image = np.zeros(cells_mm.shape[:-1])
     for place in np.ndindex(image.shape):
@@ -138,12 +194,11 @@ def single_scatter(case, centre_mm, volume_mm3, cells_mm, energy_kev):
         cosine = float(away @ axis / far)
         ratio = 1.0 / (1.0 + energy_kev / 510.999 * (1.0 - cosine))
         q = energy_kev / 12.39842 * math.sqrt(0.5 * (1.0 - cosine))
-        compton = rayleigh = 0.0
+        compton = 0.602214 * np.interp(math.sqrt(0.5 * (1.0 - cosine)), halves, electrons)
+        rayleigh = 0.0
         for symbol, part in gland.mass_fraction.items():
             number = xraylib.SymbolToAtomicNumber(symbol)
             atoms = part / xraylib.AtomicWeight(number) * 0.602214  # 1e24 atoms a gram
-            if q > 2e-3:
-                compton += atoms * xraylib.SF_Compt(number, q)
             rayleigh += atoms * xraylib.FF_Rayl(number, q) ** 2
         kn = 0.5 * electrons_barn * ratio**2 * (ratio + 1.0 / ratio - 1.0 + cosine**2)
         thomson = 0.5 * electrons_barn * (1.0 + cosine**2)

@@ -19,10 +19,15 @@ from mammosim.acquisition.monte_carlo._flight_kernels import (
 
 
 class Sections(NamedTuple):
-    """Cross-sections. `attenuation` [energy, mixture] is for density 1 / 8192, 1/mm."""
+    """Cross-sections. `attenuation` [energy, mixture] is for density 1 / 8192, 1/mm.
+
+    `deposit` [energy, mixture] is the mean energy that a collision leaves where it happens, keV;
+    of no mixture where no map is wanted.
+    """
 
     energy_kev: F64
     attenuation: F32
+    deposit: F32
     fraction: F32
     incoherent: F32
     coherent: F32

@@ -88,17 +88,19 @@ def fly(
     plan: Plan,
     space: Space,
     attenuation: F32,
+    deposit: F32,
     ray: Ray,
     start: int,
-    carried: tuple[float, float],
+    weight: float,
     path: Path,
     out_collisions: F64,
     out_map: F32,
 ) -> tuple[int, float]:
     """Follow a ray from a cell out of the scene; the number of steps, and what comes through.
 
-    Traversal of Amanatides and Woo 1987 (Eurographics), with planes at any distance. `carried` is
-    weight and energy; the weight that is lost in each cell is added to its mixture's collisions.
+    Traversal of Amanatides and Woo 1987 (Eurographics), with planes at any distance. The weight
+    that is lost in each cell is added to its mixture's collisions, and, if `plan.mapped`, times
+    `deposit` [mixture] to the cell's energy.
     """
     nx, ny, nz = space.x.size - 1, space.y.size - 1, space.z.size - 1
     i, j, k = start // (ny * nz), start // nz % ny, start % nz
@@ -128,10 +130,10 @@ def fly(
         else:
             gone = -math.expm1(-crossed)
         if tally:
-            lost = carried[0] * through * gone
+            lost = weight * through * gone
             out_collisions[mixture] += lost
             if plan.mapped:
-                out_map[place] += lost * carried[1]
+                out_map[place] += lost * deposit[mixture]
         through -= through * gone
         depth += crossed
         length = end

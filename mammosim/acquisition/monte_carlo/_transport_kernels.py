@@ -79,8 +79,8 @@ def follow_photons(
     `out_scatter` [batch, 2, row, column] gets the recorded energy of scattered photons without and
     with the grid, keV; `out_collisions` [batch, energy, mixture] the weight that collides;
     `out_ledger` [batch, 4] energy emitted, detected (scatter only), escaped (all) and, in analog
-    mode, deposited, keV; `out_map` [batch, voxel], if `plan.mapped`, the weight that collides times
-    energy, keV. All are sums over the batch's photons.
+    mode, deposited, keV; `out_map` [batch, voxel], if `plan.mapped`, the energy deposited, keV. All
+    are sums over the batch's photons.
     """
     longest = space.x.size + space.y.size + space.z.size + 3
     for batch in share(thread, 0, out_scatter.shape[0]):
@@ -171,8 +171,8 @@ def _follow(
     ledger = out_tallies[0]
     cell = cell_at_top(space, ray)
     steps, through = fly(
-        plan, space, sections.attenuation[energy], ray, cell,
-        (weight, sections.energy_kev[energy]), first, out_collisions[energy], out_tallies[1],
+        plan, space, sections.attenuation[energy], sections.deposit[energy], ray, cell,
+        weight, first, out_collisions[energy], out_tallies[1],
     )  # fmt: skip
     block = np.uint64(0)
     collisions = 1
@@ -224,8 +224,8 @@ def _follow(
             way = turned(way, cosine, 2.0 * math.pi * turn)
             path = later
             count, through = fly(
-                plan, space, sections.attenuation[here], way, place,
-                (power, sections.energy_kev[here]), later, out_collisions[here], out_tallies[1],
+                plan, space, sections.attenuation[here], sections.deposit[here], way, place,
+                power, later, out_collisions[here], out_tallies[1],
             )  # fmt: skip
             if not plan.analog:
                 kept = power * through

@@ -81,7 +81,7 @@ def absorbed_energy(tallies: Tallies, scene: Scene, tables: PhotonTables) -> Abs
     return AbsorbedEnergy(names, energy, scene.mass_g, scene.in_field, scene.tissue)
 
 
-def dose_map_mgy(tallies: Tallies, scene: Scene, tables: PhotonTables) -> NDArray[np.float32]:
+def dose_map_mgy(tallies: Tallies, scene: Scene) -> NDArray[np.float32]:
     """Absorbed dose of each voxel of the breast, [x, y, z], mGy; 0 in air.
 
     Parameters
@@ -89,32 +89,16 @@ def dose_map_mgy(tallies: Tallies, scene: Scene, tables: PhotonTables) -> NDArra
     tallies : Tallies
         Of photons that were followed with `mapped`.
     scene : Scene
-    tables : PhotonTables
-
-    Notes
-    -----
-    The part of the energy that stays where a photon collides is taken as the mixture's mean over
-    all its collisions.
     """
     assert tallies.energy_map is not None
     space = scene.space
     shape = tuple(plane.size - 1 for plane in (space.x, space.y, space.z))
-    total = tables.total @ scene.fraction.T
-    collided = tallies.collisions.mean(axis=0) * tables.energy_kev[:, None]
-    share = np.divide(
-        tables.absorbed @ scene.fraction.T, total, out=np.zeros_like(total), where=total > 0.0
-    )
-    all_energy = collided.sum(axis=0)
-    stays = np.divide(
-        (collided * share).sum(axis=0), all_energy, out=np.zeros_like(all_energy),
-        where=all_energy > 0.0,
-    )  # fmt: skip
     words = space.words.reshape(shape)[scene.inner]
     mixture = words & np.uint32(0xFFFF)
     density = np.array([material.density_g_cm3 for material in scene.materials])
     volume_cm3 = np.diff(space.x)[1] * np.diff(space.y)[1] * np.diff(space.z)[scene.inner[2].start]
     mass_g = (words >> np.uint32(16)) / DENSITY_STEPS * (scene.fraction @ density)[mixture]
     mass_g *= volume_cm3 / 1000.0
-    energy = tallies.energy_map.mean(axis=0).reshape(shape)[scene.inner] * stays[mixture]
+    energy = tallies.energy_map.mean(axis=0).reshape(shape)[scene.inner]
     dose = energy * KEV_TO_MGY_G / mass_g
     return np.where(scene.tissue[mixture], dose, 0.0).astype(np.float32)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition.attenuation import ELECTRON_REST_KEV, MM_PER_CM, cross_section_cm2_g
+from mammosim.acquisition.monte_carlo.compton import scattering_function
 from mammosim.errors import InputError
 from mammosim.tissues import Material
 
@@ -24,6 +25,8 @@ ANGLES = 128
 """Intervals of equal probability into which the scattering angles are divided."""
 
 KEV_ANGSTROM = 12.398420  # h c: CODATA 2018
+# 8 pi r_e^2 / 2 with the classical electron radius squared in barn, times moles a gram to cm2 / g
+_CM2_PER_G = 4.0 * np.pi * 0.0794078 * 0.602214  # CODATA 2018
 TRANSFER_GRID = np.concatenate(
     ([0.0], np.geomspace(1e-3, 15.0, 400))
 )  # sin(theta / 2) / wavelength
@@ -90,34 +93,34 @@ def photon_tables(
 
     Notes
     -----
-    Coherent scattering has the angular distribution ``(1 + cos^2) F^2(q)``, incoherent that of
-    Klein and Nishina times ``S(q)``, with the atoms' form factors and incoherent scattering
-    functions of xraylib added up independently of each other. Totals are xraylib's own, to which
-    the integrals agree within 0.5 % for the elements of tissue. Not modelled: interference between
-    molecules, Doppler broadening, and fluorescence, whose photons (below 5 keV in tissue) do not
-    leave the voxel.
+    Coherent scattering has the angular distribution ``(1 + cos^2) F^2(q)`` with the atoms' form
+    factors, incoherent that of Klein and Nishina times the scattering function of the impulse
+    approximation (`mammosim.acquisition.monte_carlo.compton`), which is 2 % above that of xraylib
+    in tissue. Atoms add up independently of each other. All three coefficients are then scaled, by
+    1 % or less, so that their sum is the attenuation that the primary is computed with. Not
+    modelled: interference between molecules, Doppler broadening, and fluorescence, whose photons
+    (below 5 keV in tissue) do not leave the voxel.
     """
     energy = _energies(lowest_kev, highest_kev)
-    sections = [
-        np.stack(
-            [cross_section_cm2_g(name, m, energy) * m.density_g_cm3 / MM_PER_CM for m in materials],
-            axis=1,
-        )
-        for name in ("CS_Photo", "CS_Compt", "CS_Rayl")
-    ]
     shape = (energy.size, len(materials))
-    transfer = np.empty(shape)
+    photo, compton, rayleigh, transfer = (np.empty(shape) for _ in range(4))
     cosines = np.empty((2, *shape, ANGLES + 1), np.float32)
+    cosine = 1.0 - 2.0 * _HALF_ANGLES**2
+    loss = 1.0 - _compton_ratio(energy, cosine)
     for column, material in enumerate(materials):
         incoherent, coherent = angular_densities(material, energy)
-        cosine = 1.0 - 2.0 * _HALF_ANGLES**2
-        loss = 1.0 - _compton_ratio(energy, cosine)
-        transfer[:, column] = np.trapezoid(incoherent * loss, _HALF_ANGLES, axis=1) / np.trapezoid(
-            incoherent, _HALF_ANGLES, axis=1
+        integral = np.trapezoid(incoherent, _HALF_ANGLES, axis=1)
+        parts = (
+            cross_section_cm2_g("CS_Photo", material, energy),
+            _CM2_PER_G * integral,
+            cross_section_cm2_g("CS_Rayl", material, energy),
         )
+        scale = cross_section_cm2_g("CS_Total", material, energy) / np.sum(parts, axis=0)
+        scale *= material.density_g_cm3 / MM_PER_CM
+        photo[:, column], compton[:, column], rayleigh[:, column] = (scale * p for p in parts)
+        transfer[:, column] = np.trapezoid(incoherent * loss, _HALF_ANGLES, axis=1) / integral
         cosines[0, :, column] = _quantiles(incoherent)
         cosines[1, :, column] = _quantiles(coherent)
-    photo, compton, rayleigh = sections
     return PhotonTables(
         tuple(materials), energy, photo, compton, rayleigh, transfer, cosines[0], cosines[1]
     )
@@ -134,15 +137,13 @@ def angular_densities(
     q = energy_kev[:, None] / KEV_ANGSTROM * s
     cosine = 1.0 - 2.0 * s**2
     form = np.zeros(TRANSFER_GRID.size)
-    function = np.zeros(TRANSFER_GRID.size)
     for symbol, fraction in material.mass_fraction.items():
-        weight, squared_form, scattering = _element(symbol)
+        weight, squared_form = _element(symbol)
         form += fraction / weight * squared_form
-        function += fraction / weight * scattering
     ratio = _compton_ratio(energy_kev, cosine)
     klein_nishina = ratio**2 * (ratio + 1.0 / ratio - 1.0 + cosine**2)
     # the solid angle between s and s + ds is 8 pi s ds
-    incoherent = klein_nishina * np.interp(q, TRANSFER_GRID, function) * s
+    incoherent = klein_nishina * scattering_function(material, energy_kev, cosine) * s
     coherent = (1.0 + cosine**2) * np.interp(q, TRANSFER_GRID, form) * s
     return incoherent, coherent
 
@@ -177,25 +178,16 @@ def _quantiles(density: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @cache
-def _element(symbol: str) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Atomic weight, and squared form factor and scattering function on `TRANSFER_GRID`."""
+def _element(symbol: str) -> tuple[float, NDArray[np.float64]]:
+    """Atomic weight, and squared form factor on `TRANSFER_GRID`."""
     import xraylib  # imported when first needed: loading its tables takes a moment
 
     try:
         number = xraylib.SymbolToAtomicNumber(symbol)
         form = np.array([xraylib.FF_Rayl(number, float(q)) for q in TRANSFER_GRID])
-        # the scattering function begins at q = 0, which xraylib refuses
-        scattering = np.array([0.0, *(_scattering(xraylib, number, q) for q in TRANSFER_GRID[1:])])
-        return float(xraylib.AtomicWeight(number)), form**2, scattering
+        return float(xraylib.AtomicWeight(number)), form**2
     except ValueError as error:
         raise InputError(
             f"composition: element '{symbol}' has no scattering tables ({error}); choose "
             "acquisition.scatter.model: kernels"
         ) from None
-
-
-def _scattering(xraylib: object, number: int, transfer: float) -> float:
-    """Incoherent scattering function; its tables begin at 0.001, below which it goes as q^2."""
-    lowest = 1.1e-3
-    value = float(xraylib.SF_Compt(number, max(float(transfer), lowest)))  # type: ignore[attr-defined]
-    return value * min(1.0, (transfer / lowest) ** 2)

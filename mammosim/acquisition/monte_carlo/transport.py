@@ -72,7 +72,7 @@ class Tallies:
     ledger : ndarray of float64, [batch, 4]
         Energy emitted, detected after scattering, escaped, and deposited (in analog mode), keV.
     energy_map : ndarray of float32, [batch, cell] or None
-        Number of collisions times energy, keV, of each cell of the scene.
+        Energy deposited in each cell of the scene, keV.
     photons : int
         Photons that were followed.
     """
@@ -180,7 +180,7 @@ def follow(
     rows = int(np.ceil(gantry.rows * gantry.pixel_mm / cell_mm - 1e-6)) + 2 * margin
     columns = int(np.ceil(gantry.columns * gantry.pixel_mm / cell_mm - 1e-6)) + 2 * margin
     scatter = np.zeros((batches, 2, rows, columns))
-    sections = _sections(scene, tables)
+    sections = _sections(scene, tables, mapped)
     shape = (batches, tables.energy_kev.size, scene.fraction.shape[0])
     collided, ledger = np.zeros(shape), np.zeros((batches, 4))
     energy_map = np.zeros(
@@ -209,13 +209,18 @@ def _key(seed: int) -> Stream:
     return Stream(np.uint64(low), np.uint64(high), np.uint64(0), np.uint64(0))
 
 
-def _sections(scene: Scene, tables: PhotonTables) -> Sections:
-    attenuation = tables.total @ scene.fraction.T / DENSITY_STEPS
+def _sections(scene: Scene, tables: PhotonTables, mapped: bool) -> Sections:
+    total = tables.total @ scene.fraction.T
+    deposit = np.zeros((tables.energy_kev.size, 1))
+    if mapped:
+        absorbed = tables.absorbed @ scene.fraction.T
+        deposit = np.divide(absorbed, total, out=np.zeros_like(total), where=total > 0.0)
+        deposit *= tables.energy_kev[:, None]
     return Sections(
         tables.energy_kev, *(
             np.ascontiguousarray(part, dtype=np.float32)
             for part in (
-                attenuation, scene.fraction, tables.incoherent, tables.coherent,
+                total / DENSITY_STEPS, deposit, scene.fraction, tables.incoherent, tables.coherent,
                 tables.incoherent_cosine, tables.coherent_cosine,
             )
         ),

@@ -126,9 +126,7 @@ def dose_of(case: ScatterCase, scene: Scene, tables: PhotonTables, tallies: Tall
             planes[part.start + 1] - planes[part.start]
             for planes, part in zip(space[:3], inner, strict=True)
         ]
-        dose_map = DoseMap(
-            dose_map_mgy(tallies, scene, tables), np.array(origin), np.array(spacing)
-        )
+        dose_map = DoseMap(dose_map_mgy(tallies, scene), np.array(origin), np.array(spacing))
     names = [material.name for material in scene.materials[:-3]]
     return ScatterDose(
         gland, absorbed.dose_mgy("gland", in_field=True)[0],
