@@ -68,6 +68,7 @@ COLUMNS = [
     "ellipsoid_middle_mm",
     "ellipsoid_short_mm",
     "extent_mm",
+    "laterality",
 ]
 
 

@@ -124,8 +124,8 @@ def _print_summary(study: Study, folder: Path) -> None:
         table.add_column(heading, justify="left" if heading in ("view", "target") else "right")
     for row in study.targets:
         table.add_row(
-            row.view, Text(printable(row.name)), f"{row.shift_mm:.1f}", f"{row.image_row_px:.0f}",
-            f"{row.image_col_px:.0f}", "yes" if row.in_field else "no",
+            f"{row.laterality}{row.view}", Text(printable(row.name)), f"{row.shift_mm:.1f}",
+            f"{row.image_row_px:.0f}", f"{row.image_col_px:.0f}", "yes" if row.in_field else "no",
         )  # fmt: skip
     out.print(table)
     for name, view in study.views.items():

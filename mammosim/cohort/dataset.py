@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
@@ -77,7 +77,7 @@ def write_manifest(cohort: Cohort, dataset: Path, finished: Iterable[tuple[int, 
             name = f"{folder.name}_{view}.png"
             writer.writerow(
                 [index, part, record["view"], record["laterality"], f"images/{name}",
-                 f"masks/{name}", _lesions(folder, record["view"])]
+                 f"masks/{name}", _lesions(folder, record)]
             )  # fmt: skip
     write_text(dataset / MANIFEST, stream.getvalue())
 
@@ -88,13 +88,13 @@ def _pictures(patient: Path) -> dict[str, Any]:
     return {name: view for name, view in views.items() if not view["view"].endswith("_DBT")}
 
 
-def _lesions(folder: Path, view: str) -> str:
+def _lesions(folder: Path, view: Mapping[str, Any]) -> str:
     """Numbers of the lesions in a view's picture: the values in its mask."""
     with TextIOWrapper(open_file(folder / "lesions.csv"), "utf-8", newline="") as stream:
         seen = [
             row["target_id"]
             for row in csv.DictReader(stream)
-            if row["view"] == view
+            if (row["view"], row["laterality"]) == (view["view"], view["laterality"])
             and row["kind"] not in ("landmark", "nipple")
             and row["in_field"] == "true"
         ]

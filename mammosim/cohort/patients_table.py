@@ -125,15 +125,18 @@ def _rows(cohort: Cohort, index: int, folder: Path) -> Iterator[dict[str, Any]]:
     record = read_record(folder)
     drawn = {name: _cell(value) for name, value in cohort.drawn(index).items()}
     seconds = record.get("stage_seconds", {})
-    views = {view["view"]: (name, view) for name, view in record.get("views", {}).items()}
+    views = {
+        (view["laterality"], view["view"]): (name, view)
+        for name, view in record.get("views", {}).items()
+    }
     with TextIOWrapper(open_file(folder / "lesions.csv"), "utf-8", newline="") as stream:
         for row in csv.DictReader(stream):
-            name, view = views[row["view"]]
+            name, view = views[row["laterality"], row["view"]]
             yield {
                 "patient": index,
                 **drawn,
                 **{part.name: _parsed(row[part.name], str(part.type)) for part in fields(Target)},
-                **{ANODE.get(key, key): view.get(key) for key in OF_VIEW},
+                **{ANODE.get(key, key): view.get(key) for key in OF_VIEW if key != "laterality"},
                 **{f"{stage}_seconds": seconds.get(stage, seconds.get(f"{name}.{stage}"))
                    for stage in SECONDS},
                 "all_seconds": sum(seconds.values()),

@@ -5,12 +5,13 @@ from mammosim.export.convert import Conversion, convert_volume
 from mammosim.export.dicom import write_dicom
 from mammosim.export.gantry_file import read_geometry, write_geometry
 from mammosim.export.identity import StudyIdentity
-from mammosim.export.keys import ExportKeys
+from mammosim.export.keys import ExportKeys, PatientKeys
 from mammosim.export.learning import write_learning_pair
 from mammosim.export.lesion_masks import LesionMask, label_image, lesion_masks
 from mammosim.export.matlab import write_matlab
 from mammosim.export.measurements import write_measurements
 from mammosim.export.path_lengths import load_path_lengths, write_path_lengths
+from mammosim.export.patient_settings import PatientSettings, age_problems
 from mammosim.export.pictures import (
     write_density_tiff,
     write_glandular_tiff,
@@ -50,7 +51,10 @@ __all__ = [
     "ExportKeys",
     "ExportSettings",
     "LesionMask",
+    "PatientKeys",
+    "PatientSettings",
     "StudyIdentity",
+    "age_problems",
     "compression_summary",
     "convert_volume",
     "csv_text",

@@ -37,6 +37,9 @@ _FIRST_SERIES = {
 # Order in which a reader looks at a study: right before left, CC before MLO.
 _READING_ORDER = ("RCC", "LCC", "RMLO", "LMLO", "RML", "LML")
 
+# Views under a name of their own (spot, magnification, repeats) come after the usual ones.
+_TITLED = 20
+
 BITS_STORED = {"processing": 14, "presentation": 12}
 """Bits of a pixel of each intent."""
 
@@ -108,7 +111,9 @@ def series_of(study: StudyIdentity, kind: str, view: View) -> tuple[str, int]:
     One series a view and kind, since viewers hang series, not images: all that is for
     presentation first, in the order in which a reader looks at a study.
     """
-    number = _FIRST_SERIES[kind] + _READING_ORDER.index(view.folder)
+    number = _FIRST_SERIES[kind] + _READING_ORDER.index(f"{view.laterality}{view.name}")
+    if view.title:
+        number += _TITLED
     return study.uid("series", kind, view.folder), number
 
 
@@ -116,9 +121,10 @@ def series_description(view: View, suffix: str = "") -> str:
     """Series Description, which begins with side and view, as `R MLO`.
 
     Hanging protocols look for these words (OHIF's mammography protocol gives them more weight than
-    the coded view).
+    the coded view). A view's own name in the run stands behind them.
     """
-    return f"{view.laterality} {view.name}{suffix}"
+    title = f" {view.title}" if view.title else ""
+    return f"{view.laterality} {view.name}{title}{suffix}"
 
 
 def identification(
@@ -134,17 +140,19 @@ def identification(
     view : View
     """
     series_uid, series_number = series_of(study, series, view)
+    age = study.age_years(settings.date)
     return {
         "SpecificCharacterSet": "ISO_IR 192",
         "PatientName": study.patient_name,
         "PatientID": study.patient_id,
-        "PatientBirthDate": "",
-        "PatientSex": "F",
+        "PatientBirthDate": study.patient.birth_date or "",
+        "PatientSex": study.patient.sex or "F",
+        "PatientAge": None if age is None else f"{age:03d}Y",
         "PatientComments": "Simulated; not a patient.",
-        "StudyInstanceUID": study.uid("study"),
+        "StudyInstanceUID": study.study_uid,
         "StudyID": "1",
-        "StudyDescription": long_string(study.description),
-        "AccessionNumber": "",
+        "StudyDescription": long_string(study.study_description),
+        "AccessionNumber": study.patient.accession or "",
         "ReferringPhysicianName": "",
         **{f"{event}Date": settings.date for event in _EVENTS},
         **{f"{event}Time": "000000" for event in _EVENTS},

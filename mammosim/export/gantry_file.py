@@ -15,7 +15,10 @@ from mammosim.geometry import Gantry, View
 
 def write_geometry(gantry: Gantry, path: str | PathLike[str]) -> None:
     """Write a gantry as JSON; its keys are the fields of `Gantry` and, under `view`, of `View`."""
-    write_json(path, asdict(gantry))
+    values = asdict(gantry)
+    if not gantry.view.title:
+        del values["view"]["title"]
+    write_json(path, values)
 
 
 def read_geometry(path: str | PathLike[str]) -> Gantry:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from mammosim.export.patient_settings import PatientSettings, age_on
 
 _NAMESPACE = uuid.UUID("6f1c35f2-9d4b-5c9e-8a63-1f0f3a7c2b11")
 """Name space of the UUIDs; any fixed one serves, and changing it changes every UID."""
@@ -20,20 +23,45 @@ class StudyIdentity:
         a rerun has the same identifiers and another run has others.
     description : str
         What the study shows, one line.
+    patient : PatientSettings, optional
+        What is said of the patient and of the study.
     """
 
     run_hash: str
     description: str = "Simulated mammography"
+    patient: PatientSettings = field(default_factory=PatientSettings)
 
     @property
     def patient_id(self) -> str:
-        """Patient ID; says that it is simulated."""
-        return f"SIMULATED-{self.run_hash[:12]}"
+        """Patient ID; where it is not given, it says that it is simulated."""
+        return self.patient.id or f"SIMULATED-{self._study_hash[:12]}"
 
     @property
     def patient_name(self) -> str:
-        """Patient name; says that it is simulated."""
-        return f"Simulated^{self.run_hash[:12]}"
+        """Patient name; where it is not given, it says that it is simulated."""
+        return self.patient.name or f"Simulated^{self._study_hash[:12]}"
+
+    @property
+    def study_description(self) -> str:
+        """Study Description."""
+        return self.patient.study_description or self.description
+
+    @property
+    def study_uid(self) -> str:
+        """Study Instance UID: of this run alone, or of all that share `study_uid_from`.
+
+        Runs that share it under other Patient IDs are other studies.
+        """
+        shared = self.patient.study_uid_from
+        if shared is None:
+            return self.uid("study")
+        return _uid_of("/".join(("shared study", shared, self.patient_id)))
+
+    def age_years(self, day: str) -> int | None:
+        """The patient's age on a day (YYYYMMDD), years; None where it is not known."""
+        if self.patient.birth_date is not None:
+            return age_on(self.patient.birth_date, day)
+        return self.patient.age_years
 
     def uid(self, *parts: str) -> str:
         """DICOM UID of a part of the run.
@@ -53,9 +81,19 @@ class StudyIdentity:
         >>> StudyIdentity("a1").uid("study") == StudyIdentity("a1").uid("study")
         True
         """
-        name = "/".join((self.run_hash, *parts))
-        return f"2.25.{uuid.uuid5(_NAMESPACE, name).int}"
+        return _uid_of("/".join((self.run_hash, *parts)))
+
+    @property
+    def _study_hash(self) -> str:
+        shared = self.patient.study_uid_from
+        if shared is None:
+            return self.run_hash
+        return hashlib.sha256(shared.encode("utf-8")).hexdigest()
 
 
-IMPLEMENTATION_UID = f"2.25.{uuid.uuid5(_NAMESPACE, 'mammosim implementation').int}"
+def _uid_of(name: str) -> str:
+    return f"2.25.{uuid.uuid5(_NAMESPACE, name).int}"
+
+
+IMPLEMENTATION_UID = _uid_of("mammosim implementation")
 """Implementation Class UID in the files' meta header."""

@@ -51,3 +51,32 @@ class ExportKeys(TypedDict, total=False):
     date: str
     """Date that the DICOM objects carry, as YYYYMMDD; fixed, so that reruns are identical. Default:
     20000101."""
+
+
+class PatientKeys(TypedDict, total=False):
+    """Keys of `PatientSettings`."""
+
+    id: str | None
+    """Patient ID; left out, `SIMULATED-` and the run's hash."""
+
+    name: str | None
+    """Patient's Name, as `Doe^Jane`; left out, `Simulated^` and the run's hash."""
+
+    birth_date: str | None
+    """Patient's Birth Date, as YYYYMMDD; left out, empty."""
+
+    age_years: int | None
+    """Patient's Age, years, on `export.date`; left out, by the birth date, if that is given."""
+
+    sex: Literal["F", "M", "O"] | None
+    """Patient's Sex; left out, F."""
+
+    study_description: str | None
+    """Study Description; left out, the name of the run."""
+
+    accession: str | None
+    """Accession Number, up to 16 characters; left out, empty."""
+
+    study_uid_from: str | None
+    """Text from which Patient ID, name and Study Instance UID are made in place of the run's hash,
+    so that several runs are one study of one patient."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from typing import Any, Literal
 
 from pydantic import field_validator
 
 from mammosim.config import Settings
+from mammosim.export.patient_settings import calendar_date
 
 
 class ExportSettings(Settings):
@@ -56,18 +56,6 @@ class ExportSettings(Settings):
     def _date_of_calendar(cls, value: Any) -> Any:
         # YAML reads an unquoted 20000101 as a number and 2000-01-01 as a date.
         text = str(value).replace("-", "")
-        if not _is_date(text):
+        if calendar_date(text) is None:
             raise ValueError("expected a date as YYYYMMDD")
         return text
-
-
-def _is_date(text: str) -> bool:
-    try:
-        return (
-            len(text) == 8
-            and text.isascii()
-            and text.isdigit()
-            and bool(datetime.strptime(text, "%Y%m%d"))
-        )
-    except ValueError:
-        return False

@@ -28,6 +28,8 @@ class View:
     in_compression_frame : bool
         Whether the phantom's axes are those of the compression frame already, as of a breast that
         was compressed before: then nothing is turned, whatever the view.
+    title : str
+        What the run calls it in place of its name, as `CC_spot`; empty where it has no such name.
     """
 
     name: str
@@ -35,6 +37,7 @@ class View:
     mlo_angle_deg: float = 45.0
     tomosynthesis: bool = False
     in_compression_frame: bool = False
+    title: str = ""
 
     def __post_init__(self) -> None:
         if self.name not in VIEW_NAMES:
@@ -49,8 +52,8 @@ class View:
 
     @property
     def label(self) -> str:
-        """What a run calls the view: its name, as `CC`; of a series of projections `CC_DBT`."""
-        return self.name + ("_DBT" if self.tomosynthesis else "")
+        """What a run calls the view: its title or name, as `CC`; of a series `CC_DBT`."""
+        return (self.title or self.name) + ("_DBT" if self.tomosynthesis else "")
 
     @property
     def folder(self) -> str:

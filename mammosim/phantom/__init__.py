@@ -17,7 +17,7 @@ from mammosim.phantom.open_end import as_held, leaves_picture, without_open_end
 from mammosim.phantom.place import box_text, tissue_at
 from mammosim.phantom.read import read_phantom
 from mammosim.phantom.readers import BREAST_AXES, TIFF_AXES_KEY, Volume, open_voxels
-from mammosim.phantom.settings import LandmarkSettings, LesionSettings, PhantomSettings
+from mammosim.phantom.settings import LandmarkSettings, LesionSettings, PhantomSettings, Side
 from mammosim.phantom.size import expected_voxels
 from mammosim.phantom.summary import PhantomSummary, phantom_summary
 from mammosim.phantom.translate import count_values, translated
@@ -43,6 +43,7 @@ __all__ = [
     "PhantomKeys",
     "PhantomSettings",
     "PhantomSummary",
+    "Side",
     "Volume",
     "address_bytes",
     "as_held",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, TypedDict
 
 from mammosim.phantom.anatomy import GenerateKeys, GenerateSettings
@@ -37,6 +37,9 @@ class LesionKeys(TypedDict, total=False):
     position_mm: Sequence[float] | None
     """Centre in the breast frame, mm; left out, a place where such lesions occur is drawn."""
 
+    laterality: Literal["L", "R"] | None
+    """Breast that it is in, where both are imaged; left out, the first of `laterality`."""
+
     margin: Literal["smooth", "lobulated", "spiculated", "distortion"]
     """Outline of a mass; `distortion` is architectural distortion, spicules without a mass.
     Default: lobulated."""
@@ -62,12 +65,16 @@ class LandmarkKeys(TypedDict, total=False):
     position_mm: Sequence[float]
     """Position in the breast frame, mm; it must lie in tissue."""
 
+    laterality: Literal["L", "R"] | None
+    """Breast that it is in, where both are imaged; left out, the first of `laterality`."""
+
 
 class PhantomKeys(TypedDict, total=False):
     """Keys of `PhantomSettings`."""
 
-    file: str | None
-    """Voxel file, or folder of a DICOM series, relative to the configuration's folder."""
+    file: str | Mapping[Literal["L", "R"], str] | None
+    """Voxel file, or folder of a DICOM series, relative to the configuration's folder; of both
+    breasts a mapping, as `{L: left.mhd, R: right.mhd}`."""
 
     labels: str | None
     """Label map: a name, or path of a YAML file; left out, what a .vctx says, else `mammosim`."""

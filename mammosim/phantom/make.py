@@ -27,6 +27,7 @@ def make_phantom(
     laterality: Literal["L", "R"] | None = None,
     seed: int = 1,
     folder: str | os.PathLike[str] = ".",
+    breast_number: int = 0,
 ) -> BreastPhantom:
     """Read or generate the breast, and put in lesions and landmarks.
 
@@ -39,6 +40,8 @@ def make_phantom(
         Seed of the generator and of lesions without a position.
     folder : path
         Folder that paths in the settings are relative to.
+    breast_number : int
+        0, or 1 for the second breast of an exam, whose lesions are drawn apart from the first's.
 
     Raises
     ------
@@ -57,7 +60,7 @@ def make_phantom(
             **settings.lesions_from_labels.model_dump(),
         )  # fmt: skip
     landmarks = _landmarks(breast, settings.landmarks)
-    rng = np.random.default_rng([seed, _LESION_STREAM])
+    rng = np.random.default_rng([seed, _LESION_STREAM, *([breast_number] if breast_number else [])])
     breast = insert_lesions(breast, settings.lesions, rng)
     return dataclasses.replace(breast, landmarks=breast.landmarks + landmarks)
 

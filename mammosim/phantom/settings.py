@@ -14,6 +14,8 @@ from mammosim.phantom.memory import MOST_REDUCED
 from mammosim.phantom.readers.axes import AXES_EXPECTED, are_axes
 from mammosim.tissues import LESION_LABELS
 
+FILE_EXPECTED = "one file, or a file for each side, as {L: left.mhd, R: right.mhd}"
+
 VOXEL_RANGE_MM = (1e-3, 10.0)
 """Voxel sizes of files, mm: micro-CT has 1e-3."""
 
@@ -36,6 +38,10 @@ Kind = Annotated[
 ]
 
 
+Side = Literal["L", "R"]
+"""A breast: the patient's left or right one."""
+
+
 class _AnyLesion(Settings):
     """Keys of a lesion of any kind."""
 
@@ -51,6 +57,9 @@ class _AnyLesion(Settings):
 
     position_mm: Position | None = None
     """Centre in the breast frame, mm; left out, a place where such lesions occur is drawn."""
+
+    laterality: Side | None = None
+    """Breast that it is in, where both are imaged; left out, the first of `laterality`."""
 
 
 class LesionSettings(OwnKeys, _AnyLesion):
@@ -89,6 +98,9 @@ class LandmarkSettings(Settings):
     position_mm: Position
     """Position in the breast frame, mm; it must lie in tissue."""
 
+    laterality: Side | None = None
+    """Breast that it is in, where both are imaged; left out, the first of `laterality`."""
+
 
 class FoundLesionSettings(Settings):
     """Which voxels of a file's masses are one lesion."""
@@ -103,8 +115,9 @@ class FoundLesionSettings(Settings):
 class PhantomSettings(Settings):
     """The breast: read from a file, or generated."""
 
-    file: str | None = None
-    """Voxel file, or folder of a DICOM series, relative to the configuration's folder."""
+    file: str | dict[Side, str] | None = None
+    """Voxel file, or folder of a DICOM series, relative to the configuration's folder; of both
+    breasts a mapping, as `{L: left.mhd, R: right.mhd}`."""
 
     labels: str | None = None
     """Label map: a name, or path of a YAML file; left out, what a .vctx says, else `mammosim`."""
@@ -134,6 +147,20 @@ class PhantomSettings(Settings):
 
     landmarks: tuple[LandmarkSettings, ...] = Field(default=(), max_length=1000)
     """Points to follow through compression."""
+
+    @field_validator("file", mode="before")
+    @classmethod
+    def _a_file_or_one_a_side(cls, file: Any) -> Any:
+        if isinstance(file, dict):
+            if not file or not all(
+                side in ("L", "R") and isinstance(name, str) for side, name in file.items()
+            ):
+                raise ValueError(f"expected {FILE_EXPECTED}")
+            if len(set(file.values())) < len(file):
+                raise ValueError("names one file for both sides; expected a file for each breast")
+        elif file is not None and not isinstance(file, str):
+            raise ValueError(f"expected {FILE_EXPECTED}")
+        return file
 
     @field_validator("axes")
     @classmethod
@@ -171,3 +198,25 @@ class PhantomSettings(Settings):
         if problems:
             raise ValueError("; ".join(problems))
         return self
+
+    def of_side(self, side: Side, *, first: bool = True) -> PhantomSettings:
+        """One breast's phantom, with the lesions and landmarks that are in it.
+
+        Parameters
+        ----------
+        side : {"L", "R"}
+        first : bool
+            Whether it is the breast of all lesions and landmarks that do not name one.
+        """
+        own: dict[str, Any] = {}
+        if isinstance(self.file, dict):
+            own["file"] = self.file[side]
+        for key in ("lesions", "landmarks"):
+            entries = getattr(self, key)
+            if first and all(entry.laterality is None for entry in entries):
+                continue
+            own[key] = tuple(
+                entry.model_copy(update={"laterality": None}) for entry in entries
+                if entry.laterality == side or (first and entry.laterality is None)
+            )  # fmt: skip
+        return self.model_copy(update=own) if own else self

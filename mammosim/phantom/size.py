@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mammosim.phantom.anatomy import expected_volume_ml
-from mammosim.phantom.settings import PhantomSettings
+from mammosim.phantom.settings import PhantomSettings, Side
 from mammosim.phantom.voxels import open_checked
 from mammosim.tissues import load_label_map
 
@@ -14,7 +14,9 @@ BOX_PART = 3.4
 seen."""
 
 
-def expected_voxels(settings: PhantomSettings, seed: int = 1) -> tuple[int, float]:
+def expected_voxels(
+    settings: PhantomSettings, seed: int = 1, laterality: Side = "L"
+) -> tuple[int, float]:
     """Number of voxels and volume of one, mm3, without reading or generating any.
 
     Parameters
@@ -23,6 +25,8 @@ def expected_voxels(settings: PhantomSettings, seed: int = 1) -> tuple[int, floa
         With absolute paths, where it names files.
     seed : int
         Of the generator, which may draw the volume.
+    laterality : {"L", "R"}
+        Breast, whose volume is drawn.
 
     Raises
     ------
@@ -31,7 +35,7 @@ def expected_voxels(settings: PhantomSettings, seed: int = 1) -> tuple[int, floa
         memory, or the label map cannot be used.
     """
     if settings.generate is not None:
-        volume_mm3 = 1e3 * expected_volume_ml(settings.generate, seed)
+        volume_mm3 = 1e3 * expected_volume_ml(settings.generate, seed, laterality)
         voxel_mm3 = settings.generate.voxel_mm**3
         return int(BOX_PART * volume_mm3 / voxel_mm3), voxel_mm3
     if settings.labels is not None:

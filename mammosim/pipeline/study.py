@@ -50,8 +50,8 @@ class Study:
 
     Parameters
     ----------
-    breast : BreastPhantom
-        The uncompressed breast.
+    breasts : tuple of BreastPhantom
+        The uncompressed breasts, in the order of the configuration's sides.
     views : mapping of str to ViewResult
         By laterality and view, as `LCC`; a series of projections as `LCC_DBT`.
     stage_seconds : mapping of str to float
@@ -60,20 +60,26 @@ class Study:
         Rules between views, biopsy and uncertainty.
     """
 
-    breast: BreastPhantom
+    breasts: tuple[BreastPhantom, ...]
     views: Mapping[str, ViewResult] = field(default_factory=dict)
     stage_seconds: Mapping[str, float] = field(default_factory=dict)
     answers: ShiftAnswers = field(default_factory=ShiftAnswers)
 
     @property
+    def breast(self) -> BreastPhantom:
+        """The uncompressed breast; of two the first."""
+        return self.breasts[0]
+
+    @property
     def targets(self) -> tuple[Target, ...]:
-        """One target a view, the rows of `lesions.csv`."""
+        """One target a view, the rows of `lesions.csv`; each target has a number of its own."""
         return tuple(target for view in self.views.values() for target in view.targets)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Warnings of all stages, one sentence each."""
-        notes = [*self.breast.notes, *self.answers.notes]
+        notes = [note for breast in self.breasts for note in breast.notes]
+        notes += self.answers.notes
         for view in self.views.values():
             notes += [*view.squeezed.notes, *(view.mammogram.notes if view.mammogram else ())]
             if not view.squeezed.converged:

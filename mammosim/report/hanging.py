@@ -168,4 +168,8 @@ def _labels(marks: Sequence[Marker], crop: Crop, side: str, bar_px: float) -> li
 
 def targets_of(view: View, targets: Sequence[Target]) -> list[Target]:
     """Rows of one view."""
-    return [target for target in targets if target.view in (view.folder, view.label)]
+    return [
+        target
+        for target in targets
+        if target.view in (view.folder, view.label) and target.laterality in (view.laterality, "")
+    ]

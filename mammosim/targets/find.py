@@ -22,6 +22,7 @@ def find_targets(
     squeezed: CompressedBreast,
     paths: PathLengths,
     visible: Mapping[int, Visibility] | None = None,
+    first_id: int = 1,
 ) -> list[Target]:
     """Lesions, then landmarks, then the nipple, in one view.
 
@@ -32,11 +33,13 @@ def find_targets(
         Its projection.
     visible : mapping of int to Visibility, optional
         How lesions show, by label; from `lesion_visibility`.
+    first_id : int
+        Number of the first; above 1 for the second breast of an exam.
 
     Returns
     -------
     list of Target
-        Numbered from 1, the same target by the same number in every view.
+        Numbered in turn, the same target by the same number in every view.
 
     Notes
     -----
@@ -54,7 +57,9 @@ def find_targets(
     seen = visible or {}
     return [
         _target(number, origin, shift_mm, squeezed, paths, nipple_px, seen.get(origin.label))
-        for number, (origin, shift_mm) in enumerate(zip(origins, shifts_mm, strict=True), start=1)
+        for number, (origin, shift_mm) in enumerate(
+            zip(origins, shifts_mm, strict=True), start=first_id
+        )
     ]
 
 
@@ -81,6 +86,7 @@ def _target(
         contrast=seen.contrast if seen else math.nan,
         sdnr=seen.sdnr if seen else math.nan,
         extent_mm=origin.extent_mm,
+        laterality=squeezed.view.laterality,
     )
 
 

@@ -21,6 +21,7 @@ class Target:
     frame, `gantry_x_mm ...` the uncompressed one in the gantry frame. What stands from there on may
     be unknown (NaN), as the contrast of a landmark; `ellipsoid_..._mm` are semi-axes and need
     `targets.uncertainty`; `extent_mm` is the largest distance across the uncompressed lesion.
+    `laterality` is the breast, L or R.
     """
 
     target_id: int
@@ -63,6 +64,7 @@ class Target:
     ellipsoid_middle_mm: float = math.nan
     ellipsoid_short_mm: float = math.nan
     extent_mm: float = math.nan
+    laterality: str = ""
 
     @property
     def place_mm(self) -> NDArray[np.float64]:

@@ -11,6 +11,8 @@ from mammosim.pipeline.configuration.view_settings import VIEW_SECTIONS
 
 PATH_KEYS = (
     ("phantom", "file"),
+    ("phantom", "file", "L"),
+    ("phantom", "file", "R"),
     ("phantom", "labels"),
     ("acquisition", "spectrum_file"),
     ("acquisition", "composition"),
@@ -47,16 +49,17 @@ def named_paths(values: dict[str, Any]) -> list[tuple[tuple[Any, ...], str]]:
     """Where a configuration's plain values name files, and the paths: in sections and in views."""
     found: list[tuple[tuple[Any, ...], Any]] = []
     views = values.get("views")
-    for section, key in PATH_KEYS:
+    for section, *keys in PATH_KEYS:
         places: list[tuple[Any, ...]] = [(section,)]
         if section in VIEW_SECTIONS and isinstance(views, list):
             for number in range(len(views)):
                 places += [("views", number), ("views", number, section)]
-        found += [((*place, key), _inside(values, (*place, key))) for place in places]
+        found += [((*place, *keys), _inside(values, (*place, *keys))) for place in places]
     return [
         (where, value)
         for where, value in found
-        if isinstance(value, str) and (where[-1].endswith("file") or Path(value).suffix)
+        if isinstance(value, str)
+        and (any(str(key).endswith("file") for key in where) or Path(value).suffix)
     ]
 
 

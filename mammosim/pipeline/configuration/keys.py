@@ -7,7 +7,7 @@ from typing import Any, Literal, TypedDict
 
 from mammosim.acquisition import AcquisitionKeys, AcquisitionSettings
 from mammosim.compression import CompressionKeys, CompressionSettings
-from mammosim.export import ExportKeys, ExportSettings
+from mammosim.export import ExportKeys, ExportSettings, PatientKeys, PatientSettings
 from mammosim.phantom import PhantomKeys, PhantomSettings
 from mammosim.pipeline.configuration.view_settings import ViewSettings
 from mammosim.projection import (
@@ -26,6 +26,13 @@ class ViewKeys(CompressionKeys, ProjectionKeys, AcquisitionKeys, total=False):
     view: Literal["CC", "MLO", "ML"]
     """Name of the view."""
 
+    name: str | None
+    """What the run calls the view in place of `CC`, `MLO` or `ML`, as `CC_spot`: its folder is
+    named side and name. Needed where one view is made twice."""
+
+    laterality: Literal["L", "R"] | None
+    """Breast of which the view is made; left out, each that is imaged."""
+
     dbt: TomosynthesisSettings | TomosynthesisKeys | None
     """Takes the view as a series of projections for tomosynthesis: how the tube moves."""
 
@@ -41,6 +48,9 @@ class ViewKeys(CompressionKeys, ProjectionKeys, AcquisitionKeys, total=False):
 
 class RunKeys(TypedDict, total=False):
     """Keys of `RunConfig`."""
+
+    patient: PatientSettings | PatientKeys | None
+    """Who the DICOM objects are about."""
 
     phantom: PhantomSettings | PhantomKeys
     """The uncompressed breast: a file, or settings of the generator."""
@@ -70,5 +80,6 @@ class RunKeys(TypedDict, total=False):
     views: Sequence[ViewSettings | ViewKeys | Literal["CC", "MLO", "ML"]]
     """Views to make: names, or mappings with the view's own values."""
 
-    laterality: Literal["L", "R"] | None
-    """Which breast it is; left out: what the phantom shows, else L. It never mirrors."""
+    laterality: Literal["L", "R"] | Sequence[Literal["L", "R"]] | None
+    """Which breast it is, or both as `[R, L]`; left out: what the phantom shows, else L. It never
+    mirrors."""

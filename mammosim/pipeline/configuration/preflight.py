@@ -44,10 +44,11 @@ def check_before(config: RunConfig) -> None:
         With one line a mistake.
     """
     check_settings(config)
-    breast, slack_mm = _outlined_phantom(config)
-    check_compression(config, breast, slack_mm)
-    check_detectors(config, breast)
-    _check_shadows(config, breast)
+    for one in config.sides:
+        breast, slack_mm = _outlined_phantom(one)
+        check_compression(one, breast, slack_mm)
+        check_detectors(one, breast)
+        _check_shadows(one, breast)
 
 
 def check_settings(config: RunConfig) -> None:
@@ -174,10 +175,13 @@ def _outlined_phantom(config: RunConfig) -> tuple[BreastPhantom, float]:
     """
     phantom = config.phantom
     if phantom.generate is None:
-        return make_phantom(phantom, config.laterality, config.seed), 0.0
+        breast = make_phantom(
+            phantom, config.first_side, config.seed, breast_number=config.breast_number
+        )
+        return breast, 0.0
     coarse_mm = max(COARSE_VOXEL_MM, phantom.generate.voxel_mm)
     outline = PhantomSettings(generate=phantom.generate.model_copy(update={"voxel_mm": coarse_mm}))
-    breast = make_phantom(outline, config.laterality, config.seed)
+    breast = make_phantom(outline, config.first_side, config.seed)
     _check_places(phantom, breast, 2)
     return breast, 2.0 * coarse_mm
 

@@ -47,6 +47,8 @@ class ResolvedView:
         Where `targets.biopsy` is asked for.
     dose_map : bool
         Whether `export.dose_map` asks for the dose of every voxel.
+    title : str
+        The view's own name in the run; empty where it has none.
     """
 
     view: ViewName
@@ -56,11 +58,13 @@ class ResolvedView:
     tomosynthesis: TomosynthesisSettings | None = None
     biopsy: BiopsyPosition | None = None
     dose_map: bool = False
+    title: str = ""
 
     def position(self, laterality: str) -> View:
         """The view of one breast."""
         series = self.tomosynthesis is not None
-        return View(self.view, laterality, self.compression.mlo_angle_deg, series)
+        angle_deg = self.compression.mlo_angle_deg
+        return View(self.view, laterality, angle_deg, series, title=self.title)
 
     @property
     def label(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
@@ -11,8 +11,9 @@ from mammosim.acquisition import AcquisitionSettings
 from mammosim.compression import MODELS, CompressionSettings, compressing_models
 from mammosim.config import Settings, to_settings
 from mammosim.errors import InputError
-from mammosim.export import ExportSettings
-from mammosim.phantom import PhantomSettings
+from mammosim.export import ExportSettings, PatientSettings, age_problems
+from mammosim.phantom import PhantomSettings, Side
+from mammosim.pipeline.configuration.exam_sides import named_sides, side_problems
 from mammosim.pipeline.configuration.resolved_view import BiopsyPosition, ResolvedView
 from mammosim.pipeline.configuration.view_settings import VIEW_SECTIONS, ViewSettings
 from mammosim.projection import ProjectionSettings
@@ -25,6 +26,9 @@ PLATE_KEYS = {"thickness_mm", "force_n", "support_z_mm", "paddle_z_mm", "plates_
 
 class RunConfig(Settings):
     """Everything that decides a run."""
+
+    patient: PatientSettings | None = None
+    """Who the DICOM objects are about."""
 
     phantom: PhantomSettings
     """The uncompressed breast: a file, or settings of the generator."""
@@ -56,22 +60,32 @@ class RunConfig(Settings):
     )
     """Views to make: names, or mappings with the view's own values."""
 
-    laterality: Literal["L", "R"] | None = None
-    """Which breast it is; left out: what the phantom shows, else L. It never mirrors."""
+    laterality: Side | tuple[Side, Side] | None = None
+    """Which breast it is, or both as `[R, L]`; left out: what the phantom shows, else L. It never
+    mirrors."""
 
-    @field_validator("views")
+    @field_validator("laterality", mode="before")
     @classmethod
-    def _each_view_once(cls, views: tuple[ViewSettings, ...]) -> tuple[ViewSettings, ...]:
-        names = [view.label for view in views]
-        twice = sorted({name for name in names if names.count(name) > 1})
+    def _each_side_once(cls, value: Any) -> Any:
+        sides = list(value) if isinstance(value, (list, tuple)) else [value]
+        if not sides or (value is not None and any(side not in ("L", "R") for side in sides)):
+            raise ValueError("expected L, R, or both as [R, L]")
+        twice = sorted({side for side in sides if sides.count(side) > 1})
         if twice:
-            raise ValueError(f"{', '.join(twice)} is listed twice; each view may be listed once")
-        return views
+            raise ValueError(f"names {twice[0]} twice; each side may be named once")
+        return tuple(sides) if len(sides) > 1 else sides[0]
 
     _resolved: tuple[ResolvedView, ...] = PrivateAttr(())
+    _breast_number: int = PrivateAttr(0)
 
     @model_validator(mode="after")
-    def _views_fit_their_sections(self) -> Self:
+    def _parts_fit_each_other(self) -> Self:
+        sides = named_sides(self.laterality, self.phantom)
+        problems = side_problems(sides, self.phantom, self.views)
+        if self.patient is not None:
+            problems += age_problems(self.patient, self.export.date)
+        if problems:
+            raise InputError(problems)
         self._resolved = self._resolve()
         return self
 
@@ -85,6 +99,41 @@ class RunConfig(Settings):
     def resolved_views(self) -> tuple[ResolvedView, ...]:
         """The views in order, each with its settings; resolved once, when they are checked."""
         return self._resolved
+
+    @property
+    def breast_number(self) -> int:
+        """Which breast of the exam this is: 0, or 1 for the second of two."""
+        return self._breast_number
+
+    @property
+    def sides(self) -> tuple[Self, ...]:
+        """A configuration for each breast alone, in order; of one breast the whole itself."""
+        named = named_sides(self.laterality, self.phantom)
+        if not named:
+            return (self,)
+        return tuple(self._of_side(side, number) for number, side in enumerate(named))
+
+    @property
+    def first_side(self) -> Side | None:
+        """The side that is named, of two the first; None where the phantom is to show it."""
+        named = named_sides(self.laterality, self.phantom)
+        return named[0] if named else None
+
+    def of_side(self, laterality: str) -> Self:
+        """The configuration for one breast alone."""
+        found = [one for one in self.sides if one.laterality in (laterality, None)]
+        return found[0]
+
+    def _of_side(self, side: Side, number: int) -> Self:
+        own: dict[str, Any] = {"phantom": self.phantom.of_side(side, first=number == 0)}
+        if any(view.laterality is not None for view in self.views):
+            views = [view for view in self.views if view.laterality in (side, None)]
+            own["views"] = tuple(view.model_copy(update={"laterality": None}) for view in views)
+        if side == self.laterality and own == {"phantom": self.phantom}:
+            return self
+        one = self.model_copy(update={**own, "laterality": side})
+        one._breast_number = number
+        return one
 
     def _resolve(self) -> tuple[ResolvedView, ...]:
         problems: list[str] = []
@@ -103,7 +152,7 @@ class RunConfig(Settings):
                 biopsy = self._biopsy_position(view, sections["compression"])
                 one = ResolvedView(
                     view.view, **sections, tomosynthesis=view.dbt, biopsy=biopsy,
-                    dose_map=self.export.dose_map,
+                    dose_map=self.export.dose_map, title=view.title,
                 )  # fmt: skip
                 resolved.append(one)
         if not problems and self.targets.uncertainty is not None:

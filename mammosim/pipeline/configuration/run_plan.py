@@ -36,6 +36,9 @@ MAPPED_BYTES = 5e8
 """Of the address space mapped by libraries and threads but not used: with 1.3 GB estimated, a run
 needs a limit (``ulimit -v``) between 1.2 and 1.5 GB."""
 
+START_S = 5.0
+"""Until the first stage begins, s."""
+
 SECONDS_A_VOXEL = {"file": 4e-8, "generate": 4e-7}
 SECONDS_A_PIXEL = 2.5e-6
 
@@ -55,10 +58,39 @@ def make_plan(config: RunConfig) -> Plan:
     The size of a phantom is read from its header or from the generator's settings; nothing is
     computed.
     """
-    voxels, voxel_volume_mm3 = expected_voxels(config.phantom, config.seed)
+    sides = [_plan_side(one) for one in config.sides]
+    both = len(sides) > 1
+    lines = [
+        f"{one.first_side}: {line}" if both else line
+        for one, side in zip(config.sides, sides, strict=True)
+        for line in side.lines
+    ]
+    lines += _target_lines(config)
+    memory = BASE_BYTES + COMPILER_BYTES + sum(side.voxels * BYTES_A_VOXEL for side in sides)
+    memory += max(side.view_bytes for side in sides) * sum(side.views for side in sides)
+    memory += max(side.mask_bytes for side in sides)
+    seconds = START_S + sum(side.seconds for side in sides)
+    return Plan(tuple(lines), memory / 1e9, seconds / 60.0)
+
+
+@dataclass(frozen=True)
+class _SidePlan:
+    """What one breast takes: its plan in words, voxels, views, and bytes of its largest view."""
+
+    lines: tuple[str, ...]
+    voxels: int
+    views: int
+    view_bytes: float
+    mask_bytes: float
+    seconds: float
+
+
+def _plan_side(config: RunConfig) -> _SidePlan:
+    side = config.first_side
+    voxels, voxel_volume_mm3 = expected_voxels(config.phantom, config.seed, side or "L")
     lines = [_source(config.phantom, voxels)]
     kind = "file" if config.phantom.file else "generate"
-    seconds = 5.0 + voxels * SECONDS_A_VOXEL[kind]
+    seconds = voxels * SECONDS_A_VOXEL[kind]
     largest = masks = 0.0
     lesions = len(config.phantom.lesions)
     for view in config.resolved_views:
@@ -82,10 +114,7 @@ def make_plan(config: RunConfig) -> Plan:
         if sweep:
             line += f", from {count} tube positions over {sweep.angle_range_deg:g} degrees"
         lines.append(line)
-    lines += _target_lines(config)
-    memory = BASE_BYTES + COMPILER_BYTES + voxels * BYTES_A_VOXEL
-    memory += largest * len(config.views) + masks
-    return Plan(tuple(lines), memory / 1e9, seconds / 60.0)
+    return _SidePlan(tuple(lines), voxels, len(config.resolved_views), largest, masks, seconds)
 
 
 def check_memory_limit(plan: Plan) -> None:

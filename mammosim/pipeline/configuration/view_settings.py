@@ -12,6 +12,7 @@ from mammosim.acquisition import AcquisitionSettings
 from mammosim.compression import CompressionSettings
 from mammosim.config import Settings
 from mammosim.geometry import VIEW_NAMES, View
+from mammosim.phantom import Side
 from mammosim.projection import ProjectionSettings, TomosynthesisSettings
 
 VIEW_SECTIONS: dict[str, type[Settings]] = {
@@ -22,11 +23,22 @@ VIEW_SECTIONS: dict[str, type[Settings]] = {
 """Sections of which a view may have its own values."""
 
 
+VIEW_TITLE = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
+"""A view's own name, which becomes part of a folder's on any system."""
+
+
 class ViewSettings(Settings):
     """One view, with its own values for keys of some sections."""
 
     view: Literal["CC", "MLO", "ML"]
     """Name of the view."""
+
+    name: str | None = Field(default=None, pattern=VIEW_TITLE, max_length=32)
+    """What the run calls the view in place of `CC`, `MLO` or `ML`, as `CC_spot`: its folder is
+    named side and name. Needed where one view is made twice."""
+
+    laterality: Side | None = None
+    """Breast of which the view is made; left out, each that is imaged."""
 
     dbt: TomosynthesisSettings | None = None
     """Takes the view as a series of projections for tomosynthesis: how the tube moves."""
@@ -82,12 +94,22 @@ class ViewSettings(Settings):
     def _one_name(self) -> Self:
         if self.dbt is not None and self.dbt.view != self.view:
             raise ValueError(f"dbt.view: found {self.dbt.view}, expected {self.view} as in view")
+        title = (self.name or "").upper()
+        if title.endswith("_DBT") or title in {*VIEW_NAMES} - {self.view}:
+            raise ValueError(
+                f"name: found '{self.name}', which is what another view or a series is called"
+            )
         return self
+
+    @property
+    def title(self) -> str:
+        """The view's own name; empty where that is the usual one."""
+        return "" if self.name in (None, self.view) else str(self.name)
 
     @property
     def label(self) -> str:
         """What the run calls the view, as `CC` or `CC_DBT`."""
-        return View(self.view, "L", tomosynthesis=self.dbt is not None).label
+        return View(self.view, "L", tomosynthesis=self.dbt is not None, title=self.title).label
 
 
 def _with_its_series(entry: dict[str, Any]) -> dict[str, Any]:

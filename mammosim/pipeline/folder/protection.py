@@ -18,7 +18,7 @@ OWN_FILES = frozenset(
 """Files that a run writes at the top of its folder."""
 
 VIEW_FOLDER = re.compile(r"[LR](CC|MLO|ML)(_\w+)?")
-"""Folders that a run writes files into."""
+"""Folders that a run writes files into, beside those of views with a name of their own."""
 
 
 def refuse_links(folder: Path) -> None:
@@ -59,10 +59,16 @@ def refuse_inputs_within(folder: Path, config: RunConfig) -> None:
             )
 
 
-def refuse_strangers(folder: Path) -> None:
+def refuse_strangers(folder: Path, config: RunConfig) -> None:
     """Refuse a folder with files of a run's names that no run wrote.
 
     Other files may lie there; they are left alone.
+
+    Parameters
+    ----------
+    folder : Path
+    config : RunConfig
+        The run that is to be written there.
 
     Raises
     ------
@@ -74,7 +80,7 @@ def refuse_strangers(folder: Path) -> None:
     for path in sorted(folder.iterdir()):
         if path.name in OWN_FILES:
             stranger = path
-        elif VIEW_FOLDER.fullmatch(path.name) and path.is_dir() and any(path.iterdir()):
+        elif _is_views(path.name, config) and path.is_dir() and any(path.iterdir()):
             stranger = next(path.iterdir())
         else:
             continue
@@ -82,6 +88,11 @@ def refuse_strangers(folder: Path) -> None:
             f"{stranger}: would be replaced, but {folder} is not the folder of a run; "
             "move it away, or choose another output folder"
         )
+
+
+def _is_views(name: str, config: RunConfig) -> bool:
+    own = {f"{side}{view.label}" for side in "LR" for view in config.views}
+    return name in own or VIEW_FOLDER.fullmatch(name) is not None
 
 
 def _is_runs(folder: Path) -> bool:

@@ -11,6 +11,7 @@ from mammosim.compression import CompressedBreast
 from mammosim.config import write_yaml
 from mammosim.errors import InputError
 from mammosim.export import (
+    PatientSettings,
     StudyIdentity,
     series_geometry,
     whole_file,
@@ -83,10 +84,11 @@ class RunFolder:
         self._title = title or self.path.name
         inputs = InputHashes.of(config)
         self._hash = hash_of(config, inputs)
-        self._identity = StudyIdentity(self._hash, f"Simulated mammography: {self._title}")
+        description = f"Simulated mammography: {self._title}"
+        self._identity = StudyIdentity(self._hash, description, config.patient or PatientSettings())
         refuse_links(self.path)
         refuse_inputs_within(self.path, config)
-        refuse_strangers(self.path)
+        refuse_strangers(self.path, config)
         self.stages = StageCache(self.path, (*inputs.labels, *inputs.voxels), reuse)
         self._begun: os.stat_result | None = None
 

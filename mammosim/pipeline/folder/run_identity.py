@@ -26,7 +26,8 @@ class InputHashes:
         files = [(where, path) for where, path in named if _is_file(path)]
         labels = [path for where, path in files if where == ("phantom", "labels")]
         others = [path for where, path in files if where[0] != "phantom"]
-        voxels = open_voxels(config.phantom.file).files if config.phantom.file else ()
+        phantoms = [str(one.phantom.file) for one in config.sides if one.phantom.file is not None]
+        voxels = [path for phantom in phantoms for path in open_voxels(phantom).files]
         hashes = [tuple(file_hash(path) for path in part) for part in (labels, others, voxels)]
         return cls(*hashes)
 

@@ -74,11 +74,15 @@ class StageCache:
             raise InputError(f"{self._folders[0]}: cannot be written ({error.strerror})") from None
 
     def phantom(self, config: RunConfig, make: Callable[[], BreastPhantom]) -> BreastPhantom:
-        """The uncompressed breast; one from a file is read again, which is as fast."""
+        """The uncompressed breast; one from a file is read again, which is as fast.
+
+        The configuration is that of this breast alone.
+        """
         if config.phantom.generate is None:
             return make()
         key = stage_key(PHANTOM_ROOMS, _phantom_values(config), self._inputs)
-        breast: BreastPhantom = self._kept("phantom", key, make)
+        name = f"{config.laterality}.phantom" if config.breast_number else "phantom"
+        breast: BreastPhantom = self._kept(name, key, make)
         return breast
 
     def compression(
@@ -163,8 +167,10 @@ def _code_hash(rooms: tuple[str, ...]) -> str:
 
 
 def _phantom_values(config: RunConfig) -> dict[str, Any]:
+    """What decides one breast's phantom, whether or not it is part of an exam of both."""
     values = without_paths(config)
-    return {key: values.get(key) for key in ("phantom", "laterality", "seed")}
+    second = {"breast_number": config.breast_number} if config.breast_number else {}
+    return {**{key: values.get(key) for key in ("phantom", "laterality", "seed")}, **second}
 
 
 def _save(folder: Path, name: str, key: str, record: Any) -> None:

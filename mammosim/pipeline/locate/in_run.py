@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.errors import InputError
-from mammosim.pipeline.locate.saved_views import read_views
+from mammosim.pipeline.locate.saved_views import SavedView, read_views
 from mammosim.targets import (
     Located,
     RayCurve,
@@ -79,6 +79,7 @@ def locate_in_run(
     """
     _check(views, pixels, tube_angles_deg, height_mm)
     saved = read_views(run, views)
+    _check_breast(saved)
     angles = tube_angles_deg or [0.0] * len(views)
     sights = tuple(
         saved[name].sight(*at, angle) for name, at, angle in zip(views, pixels, angles, strict=True)
@@ -92,6 +93,15 @@ def locate_in_run(
         found = curve_of(sights[0], step_mm)
     lost = tuple(name for name, view in saved.items() if not view.converged)
     return LocatedInRun(sights, found, saved[views[0]].nipple_mm, lost)
+
+
+def _check_breast(saved: Mapping[str, SavedView]) -> None:
+    """Refuse pictures of two breasts: they show no point in common."""
+    sides = {view.gantry.view.laterality for view in saved.values()}
+    if len(sides) > 1:
+        raise InputError(
+            f"locate: found {' and '.join(saved)}, which are of two breasts; expected views of one"
+        )
 
 
 def _check(

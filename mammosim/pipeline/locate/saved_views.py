@@ -80,6 +80,10 @@ def read_views(run: str | PathLike[str], names: Sequence[str]) -> dict[str, Save
         of_name = [folder for folder in found if name in (folder, folder[1:])]
         if not of_name:
             raise InputError(f"view: found '{name}', {run} has {', '.join(found)}")
+        if len(of_name) > 1:
+            raise InputError(
+                f"view: found '{name}', which both breasts have; say {' or '.join(of_name)}"
+            )
         folders[name] = run / of_name[0]
     views = {folder: _read_view(folder) for folder in dict.fromkeys(folders.values())}
     return {name: views[folder] for name, folder in folders.items()}

@@ -33,7 +33,7 @@ STAGE_NAMES = {
     "find_targets": "targets",
     "project_arc": "projections",
     "expose_arc": "projections",
-    "shift_answers": "lesion shift",
+    "exam_answers": "lesion shift",
 }
 """What the record and the progress call each stage, by its function."""
 
@@ -98,7 +98,7 @@ class RunObserver:
         self._views: dict[str, ViewResult] = {}
         self._seconds: dict[str, float] = defaultdict(float)
         self._reported = ("", "")
-        self._breast: BreastPhantom | None = None
+        self._breasts: list[BreastPhantom] = []
 
     @property
     def views(self) -> Mapping[str, ViewResult]:
@@ -157,22 +157,27 @@ class RunObserver:
             return self._reached()
 
     def _reached(self) -> Study | None:
-        if self._breast is None:
+        if not self._breasts:
             return None
-        return Study(self._breast, self.views, dict(self._seconds))
+        return Study(tuple(self._breasts), self.views, dict(self._seconds))
 
     def _timed(self, folder: str, stage: Callable[..., Any], *arguments: Any, **keys: Any) -> Any:
         with self._timing(folder, STAGE_NAMES[stage.__name__]):
             return stage(*arguments, **keys)
 
-    def _phantom(self, folder: str, make_phantom: Callable[..., Any], *arguments: Any) -> Any:
+    def _phantom(
+        self, folder: str, make_phantom: Callable[..., Any], *arguments: Any, **keys: Any
+    ) -> Any:
         """The uncompressed breast, as it was kept or made now."""
         with self._timing(folder, "phantom"):
-            make = partial(make_phantom, *arguments)
-            self._breast = (
-                make() if self._output is None else self._output.stages.phantom(self._config, make)
-            )
-            return self._breast
+            make = partial(make_phantom, *arguments, **keys)
+            if self._output is None:
+                breast = make()
+            else:
+                one = self._config.sides[len(self._breasts)]
+                breast = self._output.stages.phantom(one, make)
+            self._breasts.append(breast)
+            return breast
 
     def _compression(
         self, folder: str, compress: Callable[..., CompressedBreast], breast: BreastPhantom,
@@ -186,9 +191,8 @@ class RunObserver:
                 if self._output is None:
                     compressed = make()
                 else:
-                    compressed = self._output.stages.compression(
-                        self._config, settings, breast, view, make
-                    )
+                    one = self._config.of_side(view.laterality)
+                    compressed = self._output.stages.compression(one, settings, breast, view, make)
         except NotConverged as error:
             self.unfinished.append(error)
             compressed = error.reached

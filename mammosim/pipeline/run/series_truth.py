@@ -21,10 +21,12 @@ class SeriesTruth:
     Parameters
     ----------
     squeezed : CompressedBreast
+    first_id : int
+        Number of the breast's first target in the run.
     """
 
-    def __init__(self, squeezed: CompressedBreast) -> None:
-        self._squeezed = squeezed
+    def __init__(self, squeezed: CompressedBreast, first_id: int = 1) -> None:
+        self._squeezed, self._first_id = squeezed, first_id
         self._middle: PathLengths | None = None
         self._targets: tuple[Target, ...] = ()
         self._images: dict[int, NDArray[np.unsignedinteger]] = {}
@@ -33,7 +35,7 @@ class SeriesTruth:
         """Note one projection; `expose_arc` passes the middle one first."""
         if self._middle is None:
             self._middle = paths
-            self._targets = tuple(find_targets(self._squeezed, paths))
+            self._targets = tuple(find_targets(self._squeezed, paths, first_id=self._first_id))
         if any(paths.lesion_labels):
             masks = lesion_masks(paths, self._targets)
             self._images[index] = label_image(masks, (paths.gantry.rows, paths.gantry.columns))

@@ -44,13 +44,47 @@ class _Position:
     settings: CompressionSettings
 
 
+def exam_answers(
+    breasts: Sequence[BreastPhantom],
+    views: Mapping[str, ViewResult],
+    config: RunConfig,
+    on_progress: OnProgress,
+) -> ShiftAnswers:
+    """Answer what the configuration asks about the targets of each breast, one after the other.
+
+    Parameters
+    ----------
+    breasts : sequence of BreastPhantom
+    views : mapping of str to ViewResult
+        By folder; what was not reached is left out.
+    config : RunConfig
+    on_progress : callable
+        Called with each stage, and with rows of the solver's history.
+    """
+    rules: list[RuleError] = []
+    biopsy: list[BiopsyResult] = []
+    spread: list[ShiftUncertainty] = []
+    notes: list[str] = []
+    for one, breast in zip(config.sides, breasts, strict=True):
+        own = {
+            name: view for name, view in views.items()
+            if view.squeezed.view.laterality == breast.laterality
+        }  # fmt: skip
+        found = shift_answers(breast, own, one, on_progress)
+        rules += found.rules
+        biopsy += found.biopsy
+        spread += found.uncertainty
+        notes += found.notes
+    return ShiftAnswers(tuple(rules), tuple(biopsy), tuple(spread), tuple(notes))
+
+
 def shift_answers(
     breast: BreastPhantom,
     views: Mapping[str, ViewResult],
     config: RunConfig,
     on_progress: OnProgress,
 ) -> ShiftAnswers:
-    """Answer what the configuration asks about the targets of a run's views.
+    """Answer what the configuration asks about the targets of one breast's views.
 
     Parameters
     ----------
@@ -83,6 +117,8 @@ def shift_answers(
             for folder, result in seen.items()
         }
         spread, lost = _spread(origins, at_mammogram, positions, config, on_progress)
+        first = min((row.target_id for view in seen.values() for row in view.targets), default=1)
+        spread = [replace(row, target_id=row.target_id + first - 1) for row in spread]
         notes += lost
     return ShiftAnswers(_rules(seen), tuple(biopsy), tuple(spread), tuple(notes))
 

@@ -23,7 +23,7 @@ from mammosim.pipeline.configuration import (
 from mammosim.pipeline.folder import RunFolder
 from mammosim.pipeline.run.observer import Observe, RunObserver, unobserved
 from mammosim.pipeline.run.series_truth import SeriesTruth
-from mammosim.pipeline.run.shift_analysis import shift_answers, with_ellipsoids
+from mammosim.pipeline.run.shift_analysis import exam_answers, with_ellipsoids
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 from mammosim.projection import project, project_arc
 from mammosim.targets import find_targets
@@ -67,18 +67,19 @@ def simulate(
     check_settings(config)
     observer = RunObserver(config, output, on_progress)
     try:
-        breast = observer.of_run(make_phantom)(config.phantom, config.laterality, config.seed)
-        check_compression(config, breast)
-        check_detectors(config, breast)
-        for view in config.resolved_views:
-            observe = observer.of_view(view.position(breast.laterality).folder)
-            simulate_one = simulate_series if view.tomosynthesis else simulate_view
-            observer.keep(simulate_one(breast, view, config.seed, observe))
-        answers = observer.of_run(shift_answers)(
-            breast, observer.views, config, observer.on_progress
+        breasts = tuple(_make_breast(one, observer) for one in config.sides)
+        first_id = 1
+        for one, breast in zip(config.sides, breasts, strict=True):
+            for view in one.resolved_views:
+                observe = observer.of_view(view.position(breast.laterality).folder)
+                simulate_one = simulate_series if view.tomosynthesis else simulate_view
+                observer.keep(simulate_one(breast, view, one.seed, observe, first_id))
+            first_id += len(breast.lesions) + len(breast.landmarks) + 1  # the nipple
+        answers = observer.of_run(exam_answers)(
+            breasts, observer.views, config, observer.on_progress
         )
         views = with_ellipsoids(observer.views, answers.uncertainty)
-        study = observer.finish(Study(breast, views, answers=answers))
+        study = observer.finish(Study(breasts, views, answers=answers))
     except (Interrupted, KeyboardInterrupt) as stop:
         reached = observer.stop("interrupted")
         raise Interrupted(str(stop) or "the run was interrupted", reached) from None
@@ -92,8 +93,22 @@ def simulate(
     return study
 
 
+def _make_breast(config: RunConfig, observer: RunObserver) -> BreastPhantom:
+    """One breast of the exam, if all its views can be made."""
+    breast = observer.of_run(make_phantom)(
+        config.phantom, config.first_side, config.seed, breast_number=config.breast_number
+    )
+    check_compression(config, breast)
+    check_detectors(config, breast)
+    return breast
+
+
 def simulate_view(
-    breast: BreastPhantom, view: ResolvedView, seed: int = 1, observe: Observe = unobserved
+    breast: BreastPhantom,
+    view: ResolvedView,
+    seed: int = 1,
+    observe: Observe = unobserved,
+    first_id: int = 1,
 ) -> ViewResult:
     """Make the mammogram of one view.
 
@@ -106,6 +121,8 @@ def simulate_view(
         The run's.
     observe : callable, optional
         Given each stage, returns what is called in its place: the same stage, observed.
+    first_id : int
+        Number of the breast's first target in the run.
 
     Returns
     -------
@@ -125,18 +142,22 @@ def simulate_view(
         paths, view.acquisition, seed=noise_seed(seed, position.folder), dose_map=view.dose_map
     )
     visible = observe(lesion_visibility)(breast, paths, mammogram, view.acquisition)
-    targets = observe(find_targets)(compressed, paths, visible)
+    targets = observe(find_targets)(compressed, paths, visible, first_id)
     return ViewResult(compressed, paths, mammogram, tuple(targets))
 
 
 def simulate_series(
-    breast: BreastPhantom, view: ResolvedView, seed: int = 1, observe: Observe = unobserved
+    breast: BreastPhantom,
+    view: ResolvedView,
+    seed: int = 1,
+    observe: Observe = unobserved,
+    first_id: int = 1,
 ) -> ViewResult:
     """Make the projections of one view for tomosynthesis; parameters as in `simulate_view`."""
     position = view.position(breast.laterality)
     compressed = observe(compress)(breast, position, view.compression, seed=seed)
     arc = observe(project_arc)(compressed, view.tomosynthesis, view.projection)
-    truth = SeriesTruth(compressed)
+    truth = SeriesTruth(compressed, first_id)
     series = observe(expose_arc)(
         arc, view.acquisition, seed=noise_seed(seed, position.folder), watch=truth.gather
     )
