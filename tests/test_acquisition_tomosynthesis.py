@@ -9,7 +9,7 @@ from mammosim.errors import InputError
 from mammosim.projection import project, project_arc
 
 ADIPOSE, GLAND = 1, 29
-KEYS = {"kvp": 28.0, "mas": 90.0}
+KEYS = {"kvp": 28.0, "mas": 90.0, "scatter": {"photons": 40_000}}
 
 
 def block(thickness_voxels=10):

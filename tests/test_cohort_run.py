@@ -19,7 +19,7 @@ import numpy as np
 import psutil
 import pyarrow.parquet
 import pytest
-from make_run import invoke
+from make_run import FEW_PHOTONS, invoke
 from PIL import Image
 
 from mammosim.cohort import cohort_status, load_cohort, run_cohort
@@ -55,6 +55,7 @@ def describe(folder: Path) -> Path:
         },
         "compression": {"resolution_mm": 6},
         "projection": {"pixel_mm": 1.5},
+        "acquisition": FEW_PHOTONS,
         "views": ["CC"],
         "laterality": {"choice": ["L", "R"]},
         "report": {"html": False},

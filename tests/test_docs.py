@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from mammosim import load_config
+from mammosim.acquisition.scatter import photon_transport
 from mammosim.cohort import load_cohort
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -21,6 +22,8 @@ BLOCK = re.compile(r"^```(\S[^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch):
     """Blocks run one after the other; a block of YAML is saved where later ones look for it."""
     monkeypatch.chdir(tmp_path)
+    # What a page leaves out: enough for scatter to be there, in a twentieth of the time.
+    monkeypatch.setattr(photon_transport, "PHOTONS", 10_000)
     names: dict[str, object] = {}
     for kind, text in BLOCK.findall(page.read_text(encoding="utf-8")):
         if kind == "python":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from make_run import FEW_PHOTONS
 
 import mammosim
 
@@ -17,7 +18,7 @@ def study(request):
     for view in ("CC", "MLO"):
         squeezed = mammosim.compress(breast, view=view, resolution_mm=3.0)
         paths = mammosim.project(squeezed, pixel_mm=0.6)
-        views[view] = squeezed, paths, mammosim.expose(paths, seed=1)
+        views[view] = squeezed, paths, mammosim.expose(paths, seed=1, **FEW_PHOTONS)
     return breast, views
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import SimpleITK as sitk
 from make_phantom import half_ellipsoid_breast
-from make_run import invoke
+from make_run import FEW_PHOTONS, invoke
 
 from mammosim.compression import compress
 from mammosim.config import write_yaml
@@ -33,6 +33,7 @@ CONFIGURATION = {
     },
     "compression": {"resolution_mm": 6},
     "projection": {"pixel_mm": 1.5},
+    "acquisition": FEW_PHOTONS,
     "export": {"path_lengths": True},
     "report": {"html": False},
     "views": ["CC"],

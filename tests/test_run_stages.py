@@ -7,6 +7,7 @@ from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
+from make_run import FEW_PHOTONS
 
 import mammosim
 from mammosim import CompressionSettings, InputError
@@ -21,6 +22,7 @@ SECTIONS = {
     },
     "compression": {"resolution_mm": 6.0, "thickness_mm": 45},
     "projection": {"pixel_mm": 1.0},
+    "acquisition": FEW_PHOTONS,
     "targets": {"biopsy": {"view": "ML", "thickness_mm": 50}, "uncertainty": {"samples": 10}},
     "views": ["CC", {"view": "MLO", "thickness_mm": 50}, {"dbt": {"view": "CC", "projections": 3}}],
     "seed": 4,

@@ -9,6 +9,7 @@ from typing import Unpack, get_args, get_origin, get_type_hints
 import make_keys
 import numpy as np
 import pytest
+from make_run import FEW_PHOTONS
 
 import mammosim
 from mammosim import (
@@ -108,11 +109,14 @@ def chain():
 
 def test_a_series_without_a_grid_unless_asked_for(arc):
     """A settings object that says nothing of the grid is like keywords that say nothing of it."""
-    silent = mammosim.expose_arc(arc, AcquisitionSettings(mas=60.0))
+    silent = mammosim.expose_arc(arc, AcquisitionSettings(mas=60.0, **FEW_PHOTONS))
     assert not silent.middle.grid
-    assert mammosim.expose_arc(arc, AcquisitionSettings(mas=60.0, grid=True)).middle.grid
+    assert mammosim.expose_arc(
+        arc, AcquisitionSettings(mas=60.0, grid=True, **FEW_PHOTONS)
+    ).middle.grid
     np.testing.assert_array_equal(
-        silent.projections, mammosim.expose_arc(arc, mas=60.0, grid=False).projections
+        silent.projections,
+        mammosim.expose_arc(arc, mas=60.0, **FEW_PHOTONS, grid=False).projections,
     )
 
 

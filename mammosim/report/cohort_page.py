@@ -10,10 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jinja2
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from mammosim.report.contact_sheet import Thumbnails
@@ -152,6 +149,10 @@ def _statistics(values: NDArray[np.float64]) -> list[str]:
 
 def _plot(values: Sequence[Any], label: str, what: str, order: Sequence[Any]) -> dict[str, str]:
     """A histogram of numbers, or bars of what is no number, in the order of its list."""
+    import matplotlib as mpl  # a second of start-up that single runs need not wait for
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
+
     figure = Figure(figsize=(4.2, 2.6), layout="constrained")
     axes = figure.subplots()
     if _are_numbers(values):
@@ -168,6 +169,6 @@ def _plot(values: Sequence[Any], label: str, what: str, order: Sequence[Any]) ->
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.spines[["top", "right"]].set_visible(False)
     stream = io.BytesIO()
-    with matplotlib.rc_context({"font.size": 9}):
+    with mpl.rc_context({"font.size": 9}):
         figure.savefig(stream, format="png", dpi=140)
     return {"alt": f"{what} by {label}", "png": base64.b64encode(stream.getvalue()).decode()}

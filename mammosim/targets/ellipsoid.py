@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy.special import fdtri
 
 LEVEL = 0.95
 
@@ -70,7 +70,7 @@ def prediction_ellipsoid(samples_mm: ArrayLike, level: float = LEVEL) -> Ellipso
     n, p = samples.shape
     covariance = np.cov(samples, rowvar=False)
     variances, axes = np.linalg.eigh(covariance)
-    factor = p * (n**2 - 1.0) / (n * (n - p)) * stats.f.ppf(level, p, n - p)
+    factor = p * (n**2 - 1.0) / (n * (n - p)) * fdtri(p, n - p, level)
     directions = axes.T[::-1]
     largest = np.take_along_axis(directions, np.abs(directions).argmax(axis=1)[:, None], axis=1)
     return Ellipsoid(
