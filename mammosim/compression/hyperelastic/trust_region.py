@@ -103,6 +103,7 @@ def minimise(
     workspace: Workspace,
     max_steps: int = MOST_STEPS,
     watch: Callable[[Step], None] | None = None,
+    unfolded: float = np.inf,
 ) -> State:
     """Displacement of least energy.
 
@@ -119,6 +120,8 @@ def minimise(
     max_steps : int
     watch : callable, optional
         Called with each step.
+    unfolded : float
+        Stop, without convergence, as soon as no J is smaller than this.
 
     Returns
     -------
@@ -140,7 +143,7 @@ def minimise(
         step = step_of(body, contact, value, cycles, length, error)
         if watch:
             watch(step)
-        if done or length == 0.0 or number == max_steps:
+        if done or length == 0.0 or number == max_steps or value.smallest >= unfolded:
             break
         try:
             model = _direction(body, contact, u, value, search)
