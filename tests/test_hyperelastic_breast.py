@@ -173,3 +173,45 @@ def test_a_sheet_needs_skin():
 def test_the_old_tolerance_is_named_as_gone():
     found = mammosim.compress(skinned(3.0), "CC", force_tolerance=0.05, **KEYS)
     assert any("force_tolerance is deprecated" in note for note in found.notes)
+
+
+def paddle(**keys):
+    """The breast under a paddle that ends over it or tilts."""
+    return mammosim.compress(skinned(), "CC", **{**KEYS, "paddle": keys})
+
+
+def test_the_moment_about_the_hinge_is_the_springs(usual):
+    tilt = {"spring_nm_per_deg": 0.6, "hinge_mm": 25.0}
+    found = paddle(size_mm=(60.0, 100.0), tilt=tilt).measures
+    assert abs(found["paddle_tilt_deg"]) > 0.5
+    assert found["paddle_moment_nm"] == pytest.approx(0.6 * found["paddle_tilt_deg"], rel=0.01)
+
+
+def test_a_spot_paddle_presses_a_part_of_the_breast_with_less_force(usual):
+    found = paddle(size_mm=(30.0, 40.0), centre_mm=(25.0, 0.0))
+    assert found.measures["contact_area_mm2"] < usual.measures["contact_area_mm2"]
+    assert found.force_n < usual.force_n
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"centre_mm": (140.0, 0.0), "size_mm": (60.0, 60.0)},
+         r"compression.paddle: found one from x = 110.0 to 170.0 mm .* beside the breast, which "
+         r"lies from x = .* in CC"),
+        ({"centre_mm": (30.0, 0.0), "size_mm": (60.0, 60.0)},
+         r"must not reach behind the plates' edge at x = 10.0 mm"),
+        ({"size_mm": (5.0, 60.0)},
+         r"compression.paddle.size_mm.*: found 5.* greater than or equal"),
+        ({"tilt": {}}, r"compression.paddle.tilt: .*give one of angle_deg and spring_nm_per_deg"),
+        ({"tilt": {"angle_deg": 30.0}}, r"compression.paddle.tilt.angle_deg: found 30"),
+    ],
+)  # fmt: skip
+def test_a_paddle_that_cannot_be_is_refused(keys, message):
+    with pytest.raises(InputError, match=message):
+        paddle(**keys)
+
+
+def test_springs_know_no_other_paddle():
+    with pytest.raises(InputError, match="paddle: only the model hyperelastic knows that"):
+        mammosim.compress(skinned(), "CC", model="springs", paddle={"size_mm": (60.0, 60.0)})

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from naive import hyperelastic as naive
 
-from mammosim.compression.plates import SHAPES, PlatePlace, Plates
+from mammosim.compression.plates import SHAPES, Panel, PlatePlace, Plates
 from mammosim.compression.plates._plate_kernels import depth_in_plate
 
 
@@ -54,3 +55,27 @@ def test_solids_are_in_the_units_of_the_lattice():
     assert support.face == 5.0
     assert (paddle.edge, paddle.side, support.side) == (2.0, 1.0, -1.0)
     assert paddle.radius == 1.5  # 3 mm
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("tilt_deg", [0.0, 7.0])
+def test_a_panel_is_a_rounded_box_that_is_turned(side, tilt_deg):
+    covered = Panel(1.0, 13.0, -6.0, 8.0, 5.0, tilt_deg)
+    plate = SHAPES["panel"](PlatePlace(4.0, side, 1.0, 6.0, 2.0, covered))
+    for place in places():
+        depth, *normal = depth_in_plate(plate, *place)
+        assert depth == pytest.approx(-naive.panel_distance(plate, *place), abs=1e-9)
+        np.testing.assert_allclose(
+            normal, naive.normal(naive.panel_distance, plate, place), atol=1e-5
+        )  # central difference
+
+
+def test_a_tilted_panel_comes_down_in_front_of_its_hinge():
+    level, tilted = (
+        SHAPES["panel"](PlatePlace(0.0, 1.0, 0.0, 0.0, 1.0, Panel(0, 60, -30, 30, 20, angle)))
+        for angle in (0.0, 5.0)
+    )
+    down = np.tan(np.deg2rad(5.0))
+    for x in (10.0, 20.0, 40.0):
+        assert depth_in_plate(level, x, 0.0, 0.0)[0] == pytest.approx(0.0)
+        assert depth_in_plate(tilted, x, 0.0, -down * (x - 20.0))[0] == pytest.approx(0.0, abs=1e-9)

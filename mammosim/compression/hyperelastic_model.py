@@ -21,6 +21,7 @@ from mammosim.compression.hyperelastic.measures import (
 from mammosim.compression.hyperelastic.mesh import WALL, Mesh, Support, build_mesh
 from mammosim.compression.hyperelastic.newton import State
 from mammosim.compression.hyperelastic.stages import HISTORY, Stages
+from mammosim.compression.hyperelastic.tilt import level_paddle, moment_nm
 from mammosim.compression.model import MechanicalModel
 from mammosim.compression.plates import Plates, held_tissue, place_plates, plate_edge_mm
 from mammosim.compression.settings import CompressionSettings
@@ -104,7 +105,8 @@ def compress_hyperelastic(
     gravity, friction or bending of the plates; time plays no part.
     """
     mesh, plates, notes = body_between_plates(breast, view, settings, lattice_shift)
-    stages = Stages(mesh, plates.edge_mm, settings.tolerance_mm, watch)
+    depth_mm = plates.panel.front_mm if plates.panel else 0.0
+    stages = Stages(mesh, plates.edge_mm, settings.tolerance_mm, watch, depth_mm)
 
     def with_force(plates: Plates, start: _Reached | None) -> tuple[_Reached, float]:
         near = start is not None and start.plates.thickness_mm - plates.thickness_mm < (
@@ -121,6 +123,12 @@ def compress_hyperelastic(
         state = reached.state
     else:
         state = stages.compress(plates)
+    tilt = settings.paddle.tilt if settings.paddle else None
+    if tilt is not None and tilt.spring_nm_per_deg is not None:
+        levelled = level_paddle(stages, plates, state, tilt.spring_nm_per_deg, tilt.max_deg)
+        plates, state = levelled.plates, levelled.state
+        if levelled.stopped:
+            notes = (*notes, f"the paddle tilts up to its stop at {tilt.max_deg:g} degrees")
     return _result(breast, view, stages, plates, state, notes)
 
 
@@ -194,6 +202,9 @@ def _result(
 ) -> CompressedBreast:
     mesh = stages.mesh
     measures = body_measures(mesh, stages.contact(0, plates), state)
+    if plates.panel is not None:
+        measures["paddle_tilt_deg"] = plates.panel.tilt_deg
+        measures["paddle_moment_nm"] = moment_nm(stages, plates, state)
     whole = measures["inverted_cells"] == 0.0
     if not whole:
         place = weakest_place(mesh, state, view.rotation)
@@ -251,7 +262,15 @@ HYPERELASTIC = MechanicalModel(
     method=lambda settings: "hyperelastic",
     where_it_stopped=_where_it_stopped,
     quantities=_quantities,
-    own_keys=("gravity", "skin", "fibres", "fascia_kpa_per_mm", "tolerance_mm", "force_tolerance"),
+    own_keys=(
+        "gravity",
+        "skin",
+        "fibres",
+        "fascia_kpa_per_mm",
+        "tolerance_mm",
+        "force_tolerance",
+        "paddle",
+    ),
     chest_walls=("fascia", "fixed", "sliding"),
     bytes_per_node=BYTES_PER_NODE,
     seconds=_seconds,

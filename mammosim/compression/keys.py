@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal, TypedDict
 
-from mammosim.compression.settings import FibreSettings, PlatesInVoxels, SkinSettings
+from mammosim.compression.settings import (
+    FibreSettings,
+    PaddleSettings,
+    PlatesInVoxels,
+    SkinSettings,
+    TiltSettings,
+)
 
 
 class PlatesInVoxelsKeys(TypedDict, total=False):
@@ -25,6 +31,40 @@ class PlatesInVoxelsKeys(TypedDict, total=False):
     chest_wall: float | None
     """Depth from which on tissue is held (chestPosition), voxels from the nipple; left out: the
     last tissue layer."""
+
+
+class TiltKeys(TypedDict, total=False):
+    """Keys of `TiltSettings`."""
+
+    angle_deg: float | None
+    """Fixed angle of the paddle, degrees; positive: its front is closer to the breast support."""
+
+    spring_nm_per_deg: float | None
+    """Stiffness of the spring about the hinge, N m for each degree, in place of a fixed angle."""
+
+    max_deg: float
+    """Angle at which a spring-loaded paddle is stopped, degrees (assumed: such paddles give way by
+    a few degrees). Default: 5.0."""
+
+    hinge_mm: float | None
+    """Distance of the hinge from the paddle's edge at the chest wall, mm; a thickness is the gap
+    there. Left out: half of the paddle's depth (assumed)."""
+
+
+class PaddleKeys(TypedDict, total=False):
+    """Keys of `PaddleSettings`."""
+
+    size_mm: Sequence[float]
+    """Depth (from the chest wall forward) and width of the paddle, mm; a spot paddle has some 60 to
+    100 mm. Default: the smaller usual image format."""
+
+    centre_mm: Sequence[float] | None
+    """Middle of the paddle: breast-frame x, and the place along the plates' edge counted from the
+    breast frame's origin, mm. Left out: behind, the paddle ends at the plates' edge, and sideways
+    it lies about the origin."""
+
+    tilt: TiltSettings | TiltKeys | None
+    """How it is tilted; left out: not at all."""
 
 
 class SkinKeys(TypedDict, total=False):
@@ -105,6 +145,10 @@ class CompressionKeys(TypedDict, total=False):
     plate_edge_mm: float | None
     """Breast-frame x of the plates' edge, mm; left out: 5 mm in front of the chest wall and, where
     muscle is `fixed`, of the muscle."""
+
+    paddle: PaddleSettings | PaddleKeys | None
+    """A paddle that covers only a part of the breast, or tilts; left out: it is level and covers
+    all in front of the plates' edge."""
 
     stiffness: str
     """Stiffness set of the tissue table; `thesis` is what the spring model was published with.

@@ -17,6 +17,11 @@ from mammosim.tissues import (
     nearest_tissue,
 )
 
+MAX_TILT_DEG = 10.0
+"""Beyond this no paddle tilts."""
+
+PaddleSize = Annotated[float, Field(ge=10, le=400)]
+
 
 def _known_model(value: Any) -> Any:
     if not isinstance(value, str) or value not in MODELS:
@@ -79,6 +84,46 @@ class FibreSettings(Settings):
     vivo, breasts stretch less from front to back than isotropic models say (Tanner 2011)."""
 
 
+class TiltSettings(Settings):
+    """A paddle that is tilted, or that tilts against a spring until the moments balance."""
+
+    angle_deg: float | None = Field(default=None, ge=-MAX_TILT_DEG, le=MAX_TILT_DEG)
+    """Fixed angle of the paddle, degrees; positive: its front is closer to the breast support."""
+
+    spring_nm_per_deg: float | None = Field(default=None, ge=1e-3, le=1e3)
+    """Stiffness of the spring about the hinge, N m for each degree, in place of a fixed angle."""
+
+    max_deg: float = Field(default=5.0, gt=0, le=MAX_TILT_DEG)
+    """Angle at which a spring-loaded paddle is stopped, degrees (assumed: such paddles give way by
+    a few degrees)."""
+
+    hinge_mm: float | None = Field(default=None, ge=-MAX_LENGTH_MM, le=MAX_LENGTH_MM)
+    """Distance of the hinge from the paddle's edge at the chest wall, mm; a thickness is the gap
+    there. Left out: half of the paddle's depth (assumed)."""
+
+    @model_validator(mode="after")
+    def _one_way_to_tilt(self) -> Self:
+        if (self.angle_deg is None) == (self.spring_nm_per_deg is None):
+            raise ValueError("give one of angle_deg and spring_nm_per_deg")
+        return self
+
+
+class PaddleSettings(Settings):
+    """A paddle that covers only a part of the breast, or tilts (model `hyperelastic`)."""
+
+    size_mm: tuple[PaddleSize, PaddleSize] = (180.0, 240.0)
+    """Depth (from the chest wall forward) and width of the paddle, mm; a spot paddle has some 60
+    to 100 mm. Default: the smaller usual image format."""
+
+    centre_mm: tuple[Coordinate, Coordinate] | None = None
+    """Middle of the paddle: breast-frame x, and the place along the plates' edge counted from the
+    breast frame's origin, mm. Left out: behind, the paddle ends at the plates' edge, and sideways
+    it lies about the origin."""
+
+    tilt: TiltSettings | None = None
+    """How it is tilted; left out: not at all."""
+
+
 class CompressionSettings(Settings):
     """How the breast is compressed."""
 
@@ -136,6 +181,10 @@ class CompressionSettings(Settings):
     plate_edge_mm: Coordinate | None = None
     """Breast-frame x of the plates' edge, mm; left out: 5 mm in front of the chest wall and, where
     muscle is `fixed`, of the muscle."""
+
+    paddle: PaddleSettings | None = None
+    """A paddle that covers only a part of the breast, or tilts; left out: it is level and covers
+    all in front of the plates' edge."""
 
     stiffness: str = "thesis"
     """Stiffness set of the tissue table; `thesis` is what the spring model was published with."""

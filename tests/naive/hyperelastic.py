@@ -172,6 +172,16 @@ def straight_distance(plate, x, y, z):
     return np.hypot(*np.maximum(away, 0.0)) + min(away.max(), 0.0) - plate.radius
 
 
+def panel_distance(plate, x, y, z):
+    """Signed distance from a box without a top, rounded and turned about the hinge in its face."""
+    turn = np.array([[plate.cosine, -plate.sine], [plate.sine, plate.cosine]])
+    ahead, inwards = turn @ [x - plate.hinge, plate.side * (z - plate.face)]
+    x = plate.hinge + ahead
+    inside = np.array([x - plate.back, plate.front - x, y - plate.low, plate.high - y, inwards])
+    away = plate.radius - np.array([inside[:2].min(), inside[2:4].min(), inwards])
+    return np.linalg.norm(np.maximum(away, 0.0)) + min(away.max(), 0.0) - plate.radius
+
+
 def normal(distance, plate, place, step=1e-6):
     """Outward normal of a solid: the gradient of its signed distance."""
     place = np.asarray(place)

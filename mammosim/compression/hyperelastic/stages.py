@@ -31,6 +31,9 @@ UNFOLDING = (30.0, 0.5)
 """`local_part` and `least_volume` of a body whose start may have folded elements, at first: most of
 its bulk modulus acts at each point, which unfolds them, and a fold costs little else."""
 
+UNFOLDED = 0.2
+"""Smallest J from which on that is no longer needed."""
+
 EDGE_REACH = 4.0
 """Distance from the plates' edge, in units of its radius, within which the surface has several
 points an element: it is stretched around the edge there, and would cut through it between points
@@ -71,6 +74,8 @@ class Stages:
         Estimated mean distance from equilibrium at the end, mm.
     watch : callable, optional
         Called with each row of the history.
+    depth_mm : float
+        How far the paddle reaches along x in front of that edge, mm, where it ends over the breast.
     """
 
     def __init__(
@@ -79,6 +84,7 @@ class Stages:
         edge_mm: float,
         tolerance_mm: float,
         watch: Callable[[np.void], None] | None = None,
+        depth_mm: float = 0.0,
     ) -> None:
         self.mesh = mesh
         self.tolerance = tolerance_mm / float(mesh.nodes.spacing_mm[0])
@@ -88,7 +94,8 @@ class Stages:
             if np.count_nonzero(coarse.nodes) < FEWEST_NODES:
                 break
             self.bodies.append(coarse)
-        near = EDGE_REACH * EDGE_RADIUS_MM * np.array([-1.0, 1.0]) + edge_mm
+        reach = EDGE_REACH * EDGE_RADIUS_MM
+        near = np.array([edge_mm - reach, edge_mm + depth_mm + reach])
         self.points = [
             SurfacePoints.of(body.fraction, body.free, tuple(self._lattice_x(near, level)))
             for level, body in enumerate(self.bodies)
@@ -135,7 +142,7 @@ class Stages:
         """
         local, least = UNFOLDING
         softened = replace(self.bodies[level], local_part=local, least_volume=least)
-        state = self._minimise(softened, level, plates, u, ON_THE_WAY)
+        state = self._minimise(softened, level, plates, u, ON_THE_WAY, UNFOLDED)
         if state.interrupted:
             return state
         tolerance = self.tolerance if level == 0 else LOOSE
@@ -170,8 +177,12 @@ class Stages:
         """Plates that just touch the surface in front of their edge, or are where they end."""
         corner, edge = self._frame(level)
         places = self.points[level].cells + self.points[level].local
-        ahead = places[places[:, 0] > (plates.edge_mm - corner[0]) / edge]
-        low, high = (float(z) * edge + corner[2] for z in (ahead[:, 2].min(), ahead[:, 2].max()))
+        ahead = corner + edge * places[places[:, 0] > (plates.edge_mm - corner[0]) / edge]
+        beneath = (
+            ahead if plates.panel is None else ahead[plates.panel.covers(ahead, plates.edge_mm)]
+        )
+        low = float(ahead[:, 2].min())
+        high = float(beneath[:, 2].max()) if len(beneath) else plates.paddle_z_mm
         return replace(
             plates,
             support_z_mm=min(low, plates.support_z_mm),
@@ -179,7 +190,13 @@ class Stages:
         )
 
     def _minimise(
-        self, body: Body, level: int, plates: Plates, u: NDArray[np.float64], tolerance: float
+        self,
+        body: Body,
+        level: int,
+        plates: Plates,
+        u: NDArray[np.float64],
+        tolerance: float,
+        unfolded: float = np.inf,
     ) -> State:
         edge = 2.0**level * float(self.mesh.nodes.spacing_mm[0])
 
@@ -196,7 +213,7 @@ class Stages:
 
         return minimise(
             body, self.contact(level, plates), u, tolerance, self._workspace,
-            watch=watch,
+            watch=watch, unfolded=unfolded,
         )  # fmt: skip
 
 

@@ -7,11 +7,12 @@ from mammosim.compression.plates.placement import (
     plate_edge_mm,
     population_thickness_mm,
 )
-from mammosim.compression.plates.solids import EDGE_RADIUS_MM, SHAPES, PlatePlace, Plates
+from mammosim.compression.plates.solids import EDGE_RADIUS_MM, SHAPES, Panel, PlatePlace, Plates
 
 __all__ = [
     "EDGE_RADIUS_MM",
     "SHAPES",
+    "Panel",
     "PlatePlace",
     "Plates",
     "heights_beyond_edge_mm",

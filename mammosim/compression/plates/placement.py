@@ -14,6 +14,7 @@ from mammosim.compression.lattice import (
     breast_volume_ml,
     tissue_front,
 )
+from mammosim.compression.plates.paddle import covered_tissue, panel_of
 from mammosim.compression.plates.solids import Plates
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
@@ -100,12 +101,15 @@ def place_plates(
             f"compression.plate_edge_mm: found {edge_mm:g}, but tissue reaches only to "
             f"x = {nodes.max():g} mm; must be smaller"
         )
+    panel = panel_of(settings.paddle, edge_mm)
+    covered = covered_tissue(lattice, edge_mm, panel, view)
     if settings.support_z_mm is not None and settings.paddle_z_mm is not None:
         _check_heights(settings.support_z_mm, settings.paddle_z_mm, lattice, edge_mm, view)
-        return Plates(settings.support_z_mm, settings.paddle_z_mm, edge_mm), ()
+        plates = Plates(settings.support_z_mm, settings.paddle_z_mm, edge_mm)
+        return (plates.shaped("panel", panel) if panel else plates), ()
     thickness = settings.thickness_mm
     notes: tuple[str, ...] = ()
-    low, high = heights_beyond_edge_mm(lattice, edge_mm)
+    low, high = heights_mm(lattice, covered)
     height = high - low
     if thickness is None:
         volume_ml = breast_volume_ml(breast)
@@ -125,7 +129,8 @@ def place_plates(
         middle = forward_height_mm(lattice, edge_mm)
     else:
         middle = 0.5 * (bottom + top)
-    return Plates(middle - 0.5 * thickness, middle + 0.5 * thickness, edge_mm), notes
+    plates = Plates(middle - 0.5 * thickness, middle + 0.5 * thickness, edge_mm)
+    return (plates.shaped("panel", panel) if panel else plates), notes
 
 
 def _check_heights(
@@ -148,8 +153,14 @@ def heights_beyond_edge_mm(lattice: Lattice, edge_mm: float) -> tuple[float, flo
     """Lowest and highest face of the tissue between the plates at rest, compression frame, mm."""
     layers = _layers(lattice)
     x = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * layers
-    between = lattice.tissue[layers[x > edge_mm][0] :]
-    levels = np.flatnonzero(between.any(axis=(0, 1)))
+    ahead = lattice.tissue.copy()
+    ahead[: layers[x > edge_mm][0]] = False
+    return heights_mm(lattice, ahead)
+
+
+def heights_mm(lattice: Lattice, tissue: NDArray[np.bool_]) -> tuple[float, float]:
+    """Lowest and highest face of some of a lattice's tissue, compression frame, mm."""
+    levels = np.flatnonzero(tissue.any(axis=(0, 1)))
     spacing = lattice.frame.spacing_mm[2]
     z = lattice.frame.origin_mm[2] + spacing * levels[[0, -1]]
     return float(z[0] - 0.5 * spacing), float(z[1] + 0.5 * spacing)

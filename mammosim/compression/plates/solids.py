@@ -9,10 +9,53 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim.compression.plates._panel_kernels import PanelPlate
 from mammosim.compression.plates._straight_kernels import StraightPlate
 
 EDGE_RADIUS_MM = 3.0
 """Of the rounding at the plates' edge; the paddle of FDA's VICTRE has it."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """What a paddle covers, and how it is tilted; compression frame.
+
+    Parameters
+    ----------
+    back_mm, front_mm : float
+        x of its edge towards the chest wall and of its opposite edge, mm.
+    low_mm, high_mm : float
+        y of its sides, mm.
+    hinge_mm : float
+        x of the line in its face about which it tilts, mm. The face's height is that of this line.
+    tilt_deg : float
+        Angle by which its front is turned towards the breast support, degrees.
+    """
+
+    back_mm: float
+    front_mm: float
+    low_mm: float
+    high_mm: float
+    hinge_mm: float
+    tilt_deg: float = 0.0
+
+    def covers(self, places_mm: NDArray[np.float64], edge_mm: float) -> NDArray[np.bool_]:
+        """Which of some places (n, 3), compression frame, lie over or under it where it is level.
+
+        Parameters
+        ----------
+        places_mm : ndarray, (n, 3)
+        edge_mm : float
+            x of the plates' edge, mm.
+        """
+        x, y = places_mm[:, 0] - edge_mm, places_mm[:, 1]
+        return np.asarray(
+            (x > self.back_mm) & (x < self.front_mm) & (y > self.low_mm) & (y < self.high_mm)
+        )
+
+
+FILM_MM = (180.0, 240.0)
+"""Depth and width of a paddle whose size is not given: those of the smaller usual image format."""
 
 
 class PlatePlace(NamedTuple):
@@ -30,6 +73,9 @@ class PlatePlace(NamedTuple):
         y of the breast frame's origin, the middle of the detector.
     spacing_mm : float
         Length of the lattice's unit, mm.
+    panel : Panel, optional
+        What it covers, in mm in front of `edge` along x and beside `middle` along y; None: all in
+        front of its edge.
     """
 
     face: float
@@ -37,6 +83,7 @@ class PlatePlace(NamedTuple):
     edge: float
     middle: float
     spacing_mm: float
+    panel: Panel | None = None
 
 
 def straight(place: PlatePlace) -> StraightPlate:
@@ -44,7 +91,25 @@ def straight(place: PlatePlace) -> StraightPlate:
     return StraightPlate(place.face, place.side, place.edge, EDGE_RADIUS_MM / place.spacing_mm)
 
 
-SHAPES: dict[str, Callable[[PlatePlace], Any]] = {"straight": straight}
+def panel(place: PlatePlace) -> PanelPlate:
+    """A plate that ends on all sides and may be tilted; as long and wide as a film if not given."""
+    covered = place.panel or Panel(0.0, FILM_MM[0], -0.5 * FILM_MM[1], 0.5 * FILM_MM[1], 0.0)
+    spacing, angle = place.spacing_mm, np.deg2rad(covered.tilt_deg)
+    return PanelPlate(
+        place.face,
+        place.side,
+        place.edge + covered.back_mm / spacing,
+        place.edge + covered.front_mm / spacing,
+        place.middle + covered.low_mm / spacing,
+        place.middle + covered.high_mm / spacing,
+        EDGE_RADIUS_MM / spacing,
+        place.edge + covered.hinge_mm / spacing,
+        float(np.sin(angle)),
+        float(np.cos(angle)),
+    )
+
+
+SHAPES: dict[str, Callable[[PlatePlace], Any]] = {"straight": straight, "panel": panel}
 """Solids by the name of their shape: each gives the NamedTuple whose class has a formula of
 `depth_in_plate`."""
 
@@ -61,12 +126,15 @@ class Plates:
         Breast-frame x of their edge, mm.
     paddle : str
         Shape of the paddle, a name in `SHAPES`; the breast support is straight.
+    panel : Panel, optional
+        What a paddle of the shape `panel` covers, x counted from `edge_mm`.
     """
 
     support_z_mm: float
     paddle_z_mm: float
     edge_mm: float
     paddle: str = "straight"
+    panel: Panel | None = None
 
     @property
     def thickness_mm(self) -> float:
@@ -83,25 +151,22 @@ class Plates:
         spacing_mm : float
             Its spacing, mm.
         """
-        edge = (self.edge_mm - origin_mm[0]) / spacing_mm
+        edge = float((self.edge_mm - origin_mm[0]) / spacing_mm)
         middle = -float(origin_mm[1]) / spacing_mm
-        parts = ((self.paddle, self.paddle_z_mm, 1.0), ("straight", self.support_z_mm, -1.0))
-        paddle, support = (
-            SHAPES[shape](
-                PlatePlace(
-                    float((z_mm - origin_mm[2]) / spacing_mm), side, float(edge), middle, spacing_mm
-                )
-            )
-            for shape, z_mm, side in parts
-        )
-        return paddle, support
 
-    def shaped(self, paddle: str) -> Plates:
+        def solid(shape: str, z_mm: float, side: float, panel: Panel | None = None) -> Any:
+            face = float((z_mm - origin_mm[2]) / spacing_mm)
+            return SHAPES[shape](PlatePlace(face, side, edge, middle, spacing_mm, panel))
+
+        paddle = solid(self.paddle, self.paddle_z_mm, 1.0, self.panel)
+        return paddle, solid("straight", self.support_z_mm, -1.0)
+
+    def shaped(self, paddle: str, panel: Panel | None = None) -> Plates:
         """The same places with another shape of the paddle."""
-        return replace(self, paddle=paddle)
+        return replace(self, paddle=paddle, panel=panel)
 
     def closing_to(self, end: Plates, part: float) -> Plates:
         """Plates that have gone the part 0 to 1 of their way to `end`, at one speed each."""
         lower = self.support_z_mm + part * (end.support_z_mm - self.support_z_mm)
         upper = self.paddle_z_mm + part * (end.paddle_z_mm - self.paddle_z_mm)
-        return Plates(lower, upper, end.edge_mm, end.paddle)
+        return replace(end, support_z_mm=lower, paddle_z_mm=upper)

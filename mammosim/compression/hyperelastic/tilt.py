@@ -1,0 +1,128 @@
+"""A spring-loaded paddle: the angle at which the spring holds what the breast presses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mammosim.compression.hyperelastic.newton import State
+from mammosim.compression.hyperelastic.stages import Stages
+from mammosim.compression.plates import Plates
+
+MOMENT_TOLERANCE = 0.01
+"""Relative difference of the two moments at which the angle is good enough."""
+
+MAX_TRIALS = 12
+"""Angles that are tried at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Levelled:
+    """A tilted paddle at rest.
+
+    Parameters
+    ----------
+    plates : Plates
+    state : State
+    moment_nm : float
+        Of the breast on the paddle about its hinge, N m.
+    stopped : bool
+        Whether the paddle has met its stop, which carries a part of the moment.
+    """
+
+    plates: Plates
+    state: State
+    moment_nm: float
+    stopped: bool
+
+
+def moment_nm(stages: Stages, plates: Plates, state: State) -> float:
+    """Moment of the breast on the paddle about its hinge, N m; positive: it brings the front down.
+
+    Parameters
+    ----------
+    stages : Stages
+    plates : Plates
+        With a panel.
+    state : State
+        Between them.
+    """
+    hinge_mm = plates.edge_mm + (plates.panel.hinge_mm if plates.panel else 0.0)
+    contact, edge = stages.contact(0, plates), float(stages.mesh.nodes.spacing_mm[0])
+    pressure, push = contact.pressure(state.u)
+    places = stages.mesh.nodes.origin_mm + edge * contact.points.places(state.u)
+    force_n = -(pressure[0] * contact.points.area)[:, None] * push[0] * edge**2 * 1e-3
+    return 1e-3 * float(
+        force_n[:, 2] @ (hinge_mm - places[:, 0])
+        + (force_n[:, 0] @ (places[:, 2] - plates.paddle_z_mm))
+    )
+
+
+def tilted(plates: Plates, angle_deg: float) -> Plates:
+    """The same plates with another tilt of the paddle."""
+    if plates.panel is None:
+        raise ValueError("a straight paddle has no tilt")
+    return replace(plates, panel=replace(plates.panel, tilt_deg=angle_deg))
+
+
+def level_paddle(
+    stages: Stages, plates: Plates, state: State, spring_nm_per_deg: float, max_deg: float
+) -> Levelled:
+    """Angle at which the moment of the breast about the hinge equals the spring's.
+
+    Parameters
+    ----------
+    stages : Stages
+    plates : Plates
+        With a level panel.
+    state : State
+        Between them.
+    spring_nm_per_deg : float
+        Stiffness about the hinge, N m for each degree.
+    max_deg : float
+        Angle at which the paddle is stopped.
+
+    Returns
+    -------
+    Levelled
+        Its state is not converged where no equilibrium or no angle was found.
+
+    Notes
+    -----
+    The excess, spring less moment, grows with the angle. Its zero lies between the level paddle and
+    the stop and is found by the Illinois variant of regula falsi (Dowell & Jarratt 1971, BIT
+    11:168-174); each angle starts from the state at the one before.
+    """
+    moment = moment_nm(stages, plates, state)
+    if not state.converged or moment == 0.0:
+        return Levelled(plates, state, moment, False)
+    angle = float(np.copysign(min(abs(moment) / spring_nm_per_deg, max_deg), moment))
+    ends = [(0.0, -moment)]
+    for _ in range(MAX_TRIALS):
+        turned = tilted(plates, angle)
+        state = stages.settle(turned, state.u)
+        moment = moment_nm(stages, turned, state)
+        excess = spring_nm_per_deg * angle - moment
+        stopped = abs(angle) == max_deg and excess * angle < 0.0
+        if not state.converged or stopped or abs(excess) <= MOMENT_TOLERANCE * abs(moment):
+            return Levelled(turned, state, moment, stopped)
+        ends = _bracket(ends, (angle, excess))
+        angle = _between(ends, max_deg)
+    return Levelled(turned, replace(state, converged=False), moment, False)
+
+
+def _bracket(
+    ends: list[tuple[float, float]], found: tuple[float, float]
+) -> list[tuple[float, float]]:
+    """The newest point and the last one beyond the zero, whose excess is halved if it stays."""
+    if len(ends) == 1 or ends[1][1] * found[1] < 0.0:
+        return [ends[-1], found]
+    other, excess = ends[0]
+    return [(other, 0.5 * excess), found]
+
+
+def _between(ends: list[tuple[float, float]], max_deg: float) -> float:
+    """Where the line through two points is zero, within the stops."""
+    (a, at_a), (b, at_b) = ends
+    return float(np.clip(a - at_a * (b - a) / (at_b - at_a), -max_deg, max_deg))
