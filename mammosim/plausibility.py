@@ -63,11 +63,11 @@ LIMITS: tuple[Limit, ...] = (
     ),
     Limit(
         "force_imbalance_percent", "difference between the forces on paddle and support", "%",
-        -math.inf, 5.0, math.inf,
-        "the plates are not level with the breast, so that the chest wall carries the rest, "
-        "or the solver is not at equilibrium",
-        "assumed: without gravity the two forces differ only by what the chest wall carries. "
-        "No error yet: the plates' default heights leave up to 60 % with springs",
+        -math.inf, 5.0, 50.0,
+        "the plates are not level with the breast, so that the chest wall carries the rest: leave "
+        "the heights out, and they are found; or the solver is not at equilibrium",
+        "assumed: without gravity the two forces differ only by what the chest wall carries, "
+        "which nobody measures; a technologist levels the support with the breast",
     ),
     Limit(
         "springs_volume_loss_percent", "loss of volume", "%", -math.inf, 3.0, 20.0,
@@ -121,6 +121,17 @@ LIMITS: tuple[Limit, ...] = (
 """Every limit that is checked."""
 
 _BY_QUANTITY = {limit.quantity: limit for limit in LIMITS}
+
+
+def limit_of(quantity: str) -> Limit:
+    """The limit of a quantity.
+
+    Examples
+    --------
+    >>> limit_of("tube_load_mas").high
+    600.0
+    """
+    return _BY_QUANTITY[quantity]
 
 
 @dataclass(frozen=True)

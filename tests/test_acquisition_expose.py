@@ -1,12 +1,16 @@
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
 from naive.acquisition import body_paths, half_disc
 
-from mammosim.acquisition import AcquisitionSettings, expose
+from mammosim.acquisition import AcquisitionSettings, dose_limit_mgy, expose
 from mammosim.acquisition.attenuation import attenuation_per_mm
 from mammosim.acquisition.detectors import find_detector
+from mammosim.acquisition.exposure_limits import WHITE, judged
 from mammosim.acquisition.noise import noise_through_blur
+from mammosim.acquisition.recording import arrive
 from mammosim.acquisition.signal import response
 from mammosim.acquisition.spectrum import make_beam
 from mammosim.errors import InputError
@@ -230,3 +234,47 @@ def test_faulty_keys(keys, message):
 def test_every_setting_has_its_sentence():
     for name, field in AcquisitionSettings.model_fields.items():
         assert (field.description or "").rstrip().endswith("."), name
+
+
+def notes_of(**keys):
+    return " ".join(expose(phantom(), kvp=28.0, **keys).notes)
+
+
+def test_a_usual_exposure_has_no_doubts(image):
+    assert not [note for note in image.notes if "plausible" in note]
+
+
+def test_exposure_control_is_limited_and_says_so():
+    """12 cm of gland ask for thousands of mAs, which no tube gives."""
+    thick = expose(phantom(120.0, 100.0, radius_mm=60.0))
+    assert thick.mas == 600.0
+    (said,) = (note for note in thick.notes if "exposure control" in note)
+    assert "is limited to 600 mAs" in said
+    assert "tube load: found" not in " ".join(thick.notes)
+
+
+@pytest.mark.parametrize(
+    ("mas", "said"),
+    [
+        (0.5, "tube load: found 0.5 mAs, plausible from 1 mAs"),
+        (900.0, "tube load: found 900 mAs, plausible up to 600 mAs"),
+        (900.0, "mean glandular dose relative to the guideline's limit"),
+        (0.01, "share of pixels in the breast with one and the same value"),
+    ],
+)
+def test_an_exposure_that_nobody_makes_is_doubted(mas, said):
+    assert said in notes_of(mas=mas)
+
+
+def test_saturated_pixels_of_the_breast_are_counted(image):
+    arrival = arrive(phantom(), AcquisitionSettings())
+    white = replace(image, for_processing=np.full_like(image.for_processing, WHITE), notes=())
+    said = " ".join(judged(white, arrival, image.mas).notes)
+    assert "share of saturated pixels in the breast: found 100 %" in said
+
+
+def test_the_dose_limit_is_the_guidelines():
+    """European guidelines, 4th edition, table of acceptable levels; beyond its ends, the end's."""
+    assert dose_limit_mgy(45.0) == 2.0
+    assert dose_limit_mgy(10.0) == 1.0
+    assert dose_limit_mgy(150.0) == 6.5

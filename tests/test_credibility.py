@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from make_records import make_compressed
 
 from mammosim.compression import CompressionSettings, compress
-from mammosim.compression.credibility import believed
+from mammosim.compression.credibility import believed, contact_quantities
+from mammosim.compression.plate_balance import BALANCED, BalancedHeight, PlateForces
+from mammosim.compression.plates import Plates
 from mammosim.errors import InputError, NotConverged
 from mammosim.geometry import View
 from mammosim.phantom import generate_phantom
@@ -15,6 +18,11 @@ SOUND = {
     "force_n": 110.0, "support_force_n": 108.0, "pressure_kpa": 12.0, "volume_change_percent": 1.0,
     "inverted_cells": 0.0, "cells": 10000.0,
 }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def breast():
+    return generate_phantom(density="fatty", voxel_mm=3.0, volume_ml=350, seed=1)
 
 
 def compressed(model="springs", **measures):
@@ -53,6 +61,7 @@ def test_a_doubt_is_noted_in_words(model, measures, said):
         ("hyperelastic", {"inverted_cells": 1.0}, "number of folded elements: found 1"),
         ("springs", {"force_n": 2001.0, "support_force_n": 2000.0}, "found 2001 N, no result"),
         ("springs", {"force_n": float("nan")}, "found nan, expected a number"),
+        ("springs", {"support_force_n": 54.0}, "forces on paddle and support: found 50.91 %, no"),
     ],
 )
 def test_what_cannot_be_a_result_is_none(model, measures, said):
@@ -73,8 +82,7 @@ def test_forces_need_not_balance_under_gravity():
     assert believed(hanging, CompressionSettings(gravity=True)).notes == ()
 
 
-def test_springs_pressed_flat_are_no_result():
-    breast = generate_phantom(density="fatty", voxel_mm=3.0, volume_ml=200, seed=1)
+def test_springs_pressed_flat_are_no_result(breast):
     with pytest.raises(NotConverged, match="no credible result: loss of volume"):
         compress(breast, "CC", model="springs", resolution_mm=6.0, thickness_mm=1.0)
 
@@ -83,8 +91,68 @@ def test_springs_pressed_flat_are_no_result():
     ("heights_mm", "said"),
     [((500.0, 540.0), "push the whole breast"), ((-60.0, 62.0), "a plate must touch it")],
 )
-def test_plates_that_do_not_compress_are_refused(heights_mm, said):
-    breast = generate_phantom(density="fatty", voxel_mm=3.0, volume_ml=200, seed=1)
+def test_plates_that_do_not_compress_are_refused(breast, heights_mm, said):
     low, high = heights_mm
     with pytest.raises(InputError, match=said):
         compress(breast, "CC", resolution_mm=6.0, support_z_mm=low, paddle_z_mm=high)
+
+
+@pytest.mark.parametrize("view", ["CC", "MLO"])
+def test_default_heights_balance_and_given_ones_are_judged(breast, view):
+    """Midway between the faces of this breast the plates differ by 33 % in CC, 44 % in MLO."""
+    found = compress(breast, view, model="springs", resolution_mm=6.0)
+    forces = contact_quantities(found, CompressionSettings())
+    assert forces["force_imbalance_percent"] <= 100.0 * BALANCED
+    high = {"support_z_mm": found.support_z_mm + 16.0, "paddle_z_mm": found.paddle_z_mm + 16.0}
+    with pytest.raises(NotConverged, match=r"difference between the forces .* no result above 50"):
+        compress(breast, view, model="springs", resolution_mm=6.0, **high)
+
+
+def test_the_height_is_found_for_a_force_too(breast):
+    found = compress(breast, "MLO", model="springs", resolution_mm=6.0, force_n=80.0)
+    assert found.force_n == pytest.approx(80.0, rel=0.01)
+    forces = contact_quantities(found, CompressionSettings())
+    assert forces["force_imbalance_percent"] <= 100.0 * BALANCED
+
+
+def test_given_heights_are_left_alone(breast):
+    """The same bits, whether heights were found or given."""
+    found = compress(breast, "CC", model="springs", resolution_mm=6.0)
+    again = compress(
+        breast, "CC", model="springs", resolution_mm=6.0,
+        support_z_mm=found.support_z_mm, paddle_z_mm=found.paddle_z_mm,
+    )  # fmt: skip
+    assert (again.support_z_mm, again.paddle_z_mm) == (found.support_z_mm, found.paddle_z_mm)
+    assert np.abs(again.field.displacement_mm - found.field.displacement_mm).max() < 0.05
+
+
+def linear(zero_mm, slope_per_mm):
+    """Plates whose forces differ in proportion to their height above that of balance."""
+
+    def forces(plates):
+        share = np.clip(slope_per_mm * (plates.centre_mm - zero_mm), -1.0, 1.0)
+        return PlateForces(100.0 * min(1.0, 1.0 - share), 100.0 * min(1.0, 1.0 + share))
+
+    return forces
+
+
+@pytest.mark.parametrize("zero_mm", [-14.0, 0.0, 9.0])
+@pytest.mark.parametrize("slope_per_mm", [0.01, 0.05, 1.0])
+def test_the_height_of_balance_is_found_from_anywhere(zero_mm, slope_per_mm):
+    height = BalancedHeight(linear(zero_mm, slope_per_mm), -50.0, 50.0)
+    placed = height.placed(Plates(-25.0, 25.0, 0.0))
+    assert placed.thickness_mm == pytest.approx(50.0)
+    assert abs(linear(zero_mm, slope_per_mm)(placed).imbalance) <= BALANCED
+    forces = linear(zero_mm + 3.0, slope_per_mm)
+    moved = height.corrected(placed, forces(placed))
+    assert abs(forces(moved).imbalance) < abs(forces(placed).imbalance) or slope_per_mm == 1.0
+
+
+def test_a_coarse_copy_that_fails_leaves_the_plates_where_they_are():
+    plates = Plates(-25.0, 25.0, 0.0)
+    assert BalancedHeight(lambda plates: None, -50.0, 50.0).placed(plates) == plates
+    assert BalancedHeight(linear(5.0, 0.05), -20.0, 20.0).placed(plates) == plates
+
+
+def test_plates_that_touch_nothing_are_balanced():
+    assert PlateForces(0.0, 0.0).imbalance == 0.0

@@ -1,6 +1,7 @@
 """From path lengths to a mammogram: spectrum, scatter, detector, noise, dose, presentation."""
 
 from mammosim.acquisition.detectors import DETECTORS, Detector
+from mammosim.acquisition.dose import dose_limit_mgy
 from mammosim.acquisition.expose import expose
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Dose, GlandularDose, Mammogram
@@ -22,6 +23,7 @@ __all__ = [
     "Tomosynthesis",
     "Visibility",
     "check_acquisition",
+    "dose_limit_mgy",
     "expose",
     "expose_arc",
     "lesion_visibility",

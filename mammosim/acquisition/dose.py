@@ -13,6 +13,24 @@ from scipy.interpolate import RegularGridInterpolator
 
 UNKNOWN_SPECTRUM_S = 1.0
 
+# Acceptable mean glandular dose, mGy, over the thickness of the equivalent breast, mm (European
+# guidelines for quality assurance in breast cancer screening and diagnosis, 4th edition, 2006).
+_LIMIT_THICKNESS_MM = (21.0, 32.0, 45.0, 53.0, 60.0, 75.0, 90.0)
+_LIMIT_MGY = (1.0, 1.5, 2.0, 2.5, 3.0, 4.5, 6.5)
+
+
+def dose_limit_mgy(thickness_mm: float) -> float:
+    """Mean glandular dose that the European guidelines accept at a compressed thickness, mGy.
+
+    Outside 21 to 90 mm it is that of the nearer end.
+
+    Examples
+    --------
+    >>> dose_limit_mgy(53.0)
+    2.5
+    """
+    return float(np.interp(thickness_mm, _LIMIT_THICKNESS_MM, _LIMIT_MGY))
+
 
 @dataclass(frozen=True)
 class DoseFactors:

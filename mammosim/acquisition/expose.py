@@ -12,6 +12,7 @@ from mammosim._jit import one_blas_thread
 from mammosim.acquisition._kernels import log_attenuation_kernel
 from mammosim.acquisition.coarse import CoarsePaths
 from mammosim.acquisition.dose import DoseFactors, dose_factors
+from mammosim.acquisition.exposure_limits import WHITE, judged
 from mammosim.acquisition.fat_level import fat_attenuation
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Dose, GlandularDose, Mammogram
@@ -21,10 +22,8 @@ from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import rays_of
 from mammosim.compression import CompressedBreast
 from mammosim.config import documents_keys, given_settings
-from mammosim.plausibility import doubts
 from mammosim.projection import PathLengths
 
-WHITE = 16383  # 14 bits
 COUNTS_PER_KEV_MM2 = 3.0e-5  # puts what exposure control aims at near 255 of 16383
 CLEAR_OF_WHITE = 1.05  # room for noise above the brightest pixel of air
 
@@ -78,11 +77,12 @@ def expose(
     """
     settings = given_settings(AcquisitionSettings, settings, keys, "expose()", ("acquisition",))
     arrival = arrive(paths, settings, breast, seed=seed, dose_map=dose_map, keep_primary=True)
+    wanted_mas = arrival.wanted_mas  # recording overwrites the signal that tells it
     rng = np.random.Generator(np.random.Philox(seed))
     signal, exposure = record(arrival, arrival.controlled_mas(), rng)
     pixel_mm2 = paths.pixel_mm**2
     gain = counts_per_kev_mm2(exposure.air_signal / pixel_mm2) / pixel_mm2
-    return mammogram_of(arrival, exposure, signal, gain)
+    return judged(mammogram_of(arrival, exposure, signal, gain), arrival, wanted_mas)
 
 
 def mammogram_of(
@@ -128,7 +128,7 @@ def mammogram_of(
             **_dose(dose),
             "counts_per_kev": counts_per_kev,
         },
-        notes=(*arrival.scatter.notes, *factors.notes, *_implausible(arrival)),
+        notes=(*arrival.scatter.notes, *factors.notes),
         detector=settings.detector,
         focal_spot_mm=settings.focal_spot_mm,
         automatic_exposure=settings.mas is None,
@@ -252,11 +252,3 @@ def _dose(dose: Dose) -> dict[str, float]:
     if np.isfinite(dose.material_mgy.get("skin", float("nan"))):
         measures["skin_dose_mgy"] = dose.material_mgy["skin"]
     return measures
-
-
-def _implausible(arrival: Arrival) -> tuple[str, ...]:
-    """A note where scatter over primary is not that of a breast."""
-    if arrival.settings.scatter_model == "none" or not arrival.coarse.inside.any():
-        return ()
-    found = doubts({"scatter_to_primary_ratio": arrival.scatter_to_primary})
-    return tuple(str(doubt) for doubt in found)

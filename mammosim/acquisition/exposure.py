@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from mammosim.errors import InputError
+from mammosim.plausibility import limit_of
 
 # Upper thickness (mm) and kV, in the manner of the tables of clinical systems, which raise the
 # voltage by about 1 kV a centimetre: W/Rh 26-32 kV over 2-9 cm, molybdenum about 25-30 kV
@@ -21,6 +22,9 @@ KVP_BY_THICKNESS: dict[str, tuple[tuple[float, float], ...]] = {
 # homogeneous breast of 5 cm and 50 per cent gland (W/Rh, grid, selenium) gets a mean glandular
 # dose of 1.2 mGy, which Feng & Sechopoulos 2012 (Radiology 263:35) found for a Selenia Dimensions.
 TARGET_SIGNAL_KEV_MM2 = 8.5e6
+
+MAX_CONTROLLED_MAS = limit_of("tube_load_mas").high
+"""Largest tube load that exposure control gives, mAs."""
 
 REGION_MM = 10.0  # side of the field whose mean signal counts
 DENSE_QUANTILE = 0.05  # the densest twentieth of the breast, so that a clip does not decide

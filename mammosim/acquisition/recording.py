@@ -14,7 +14,12 @@ from mammosim.acquisition.blocks import block_mean
 from mammosim.acquisition.blur import blur_shadow, spot_width_mm
 from mammosim.acquisition.coarse import CoarsePaths, coarse_paths
 from mammosim.acquisition.detectors import find_detector
-from mammosim.acquisition.exposure import TARGET_SIGNAL_KEV_MM2, dense_signal, kvp_by_thickness
+from mammosim.acquisition.exposure import (
+    MAX_CONTROLLED_MAS,
+    TARGET_SIGNAL_KEV_MM2,
+    dense_signal,
+    kvp_by_thickness,
+)
 from mammosim.acquisition.grid_parts import grid_of, primary_part, scatter_behind_grid
 from mammosim.acquisition.noise import detect
 from mammosim.acquisition.scatter import SCATTER_MODELS, Scatter, ScatterCase
@@ -92,11 +97,18 @@ class Arrival:
         square, signal = (block_mean(part, self.coarse.cell) for part in (self.square, self.signal))
         return float(square[inside].sum() / signal[inside].sum())
 
-    def controlled_mas(self) -> float:
-        """Tube load that the settings give, or that exposure control finds, mAs."""
+    @property
+    def wanted_mas(self) -> float:
+        """Tube load that the settings give, or that the detector's signal asks for, mAs."""
         if self.settings.mas is not None:
             return self.settings.mas
-        return TARGET_SIGNAL_KEV_MM2 * self.paths.pixel_mm**2 / self.dense_signal
+        signal, dense = TARGET_SIGNAL_KEV_MM2 * self.paths.pixel_mm**2, self.dense_signal
+        return signal / dense if dense > 0.0 else np.inf
+
+    def controlled_mas(self) -> float:
+        """Tube load that the settings give, or that exposure control gives at most, mAs."""
+        wanted = self.wanted_mas
+        return wanted if self.settings.mas is not None else min(wanted, MAX_CONTROLLED_MAS)
 
 
 @dataclass(frozen=True)

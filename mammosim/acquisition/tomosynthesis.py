@@ -16,6 +16,7 @@ from mammosim.acquisition.expose import (
     mammogram_of,
     to_counts,
 )
+from mammosim.acquisition.exposure_limits import judged
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Mammogram
 from mammosim.acquisition.recording import Arrival, arrive, record
@@ -132,9 +133,11 @@ def expose_arc(
     paths = arc.paths(middle)
     watch(middle, paths)
     sweep = scatter_sweep(arc.gantries, paths, arc.squeezed, settings, seed)
-    if settings.mas is None:
-        load = arrive(paths, _with_grid(settings), scatter_model=sweep).controlled_mas()
-        settings = settings.model_copy(update={"mas": load})
+    wanted_mas = settings.mas
+    if wanted_mas is None:
+        with_grid = arrive(paths, _with_grid(settings), scatter_model=sweep)
+        wanted_mas = with_grid.wanted_mas
+        settings = settings.model_copy(update={"mas": with_grid.controlled_mas()})
     arrival = arrive(paths, settings, scatter_model=sweep, keep_primary=True)
     mas = arrival.controlled_mas() / count
     pixel_mm2 = arrival.paths.pixel_mm**2
@@ -154,6 +157,7 @@ def expose_arc(
         dose_mgy *= sweep.mean_dose_over(gantry.tube_angle_deg, angles)
     whole = {"projections": float(count), "dose_of_all_projections_mgy": dose_mgy}
     shown = replace(shown, measures={**shown.measures, **whole})
+    shown = judged(shown, arrival, wanted_mas, count)
     stack[middle] = shown.for_processing
     air = {middle: _air_of(arrival, mas * gain)}
     del arrival, signal, paths

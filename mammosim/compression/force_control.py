@@ -1,14 +1,19 @@
-"""Plates' place at which the paddle bears a given force."""
+"""Plates' place: as it is given, where they press alike, or where the paddle bears a force."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Generic, Protocol, TypeVar
-
 import numpy as np
 
+from mammosim.compression.plate_balance import (
+    MAX_CORRECTIONS,
+    BalancedHeight,
+    S,
+    Solve,
+    Tried,
+    balanced,
+)
 from mammosim.compression.plates import Plates
+from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
 
 FORCE_TOLERANCE = 0.01
@@ -24,45 +29,59 @@ NARROW_MM = 1e-3
 """A bracket no wider than this is not halved any further."""
 
 
-class Equilibrium(Protocol):
-    """A solver's state, of either model."""
+def settled(
+    plates: Plates,
+    settings: CompressionSettings,
+    height_mm: float,
+    balance: BalancedHeight,
+    solve: Solve[S],
+) -> tuple[Plates, S]:
+    """Equilibrium between plates as the settings say: at given heights, a gap, or a force.
 
-    @property
-    def converged(self) -> bool:
-        """Whether the solver reached its tolerance."""
-        ...
+    Parameters
+    ----------
+    plates : Plates
+        As `place_plates` gives them. Where the settings give no heights, only their gap and edge
+        count.
+    settings : CompressionSettings
+        In mm.
+    height_mm : float
+        Height of the breast, mm.
+    balance : BalancedHeight
+        Where the plates go whose heights the settings do not give.
+    solve : callable
 
-
-S = TypeVar("S", bound=Equilibrium)
-
-
-@dataclass(frozen=True, eq=False)
-class Tried(Generic[S]):
-    """Plates at one gap, the equilibrium there and the paddle's force."""
-
-    plates: Plates
-    state: S
-    force_n: float
+    Returns
+    -------
+    plates : Plates
+    state : state of the model
+    """
+    if settings.support_z_mm is not None:
+        return plates, solve(plates, None)[0]
+    if settings.force_n is not None:
+        return reach_force(plates, height_mm, settings.force_n, balance, solve)
+    return balanced(plates, balance, solve)
 
 
 def reach_force(
     middle: Plates,
     height_mm: float,
     wanted_n: float,
-    solve: Callable[[Plates, S | None], tuple[S, float]],
+    balance: BalancedHeight,
+    solve: Solve[S],
 ) -> tuple[Plates, S]:
     """Thin the gap until the force is passed, then find it by a bracketing secant in its log.
 
     Parameters
     ----------
     middle : Plates
-        Any plates: their middle and edge are kept.
+        Any plates: their edge is kept, and their height is where the search of balance starts.
     height_mm : float
         Height of the breast, mm.
     wanted_n : float
+    balance : BalancedHeight
+        At each gap the plates are put where they press alike.
     solve : callable
-        ``solve(plates, start)`` gives the equilibrium and the paddle's force in N; each starts
-        from the one before.
 
     Returns
     -------
@@ -75,38 +94,50 @@ def reach_force(
     InputError
         If the force is not reached at the thinnest gap; it names the largest that was.
     """
-    centre = 0.5 * (middle.support_z_mm + middle.paddle_z_mm)
 
     def at(gap: float, before: Tried[S] | None) -> Tried[S]:
-        plates = replace(middle, support_z_mm=centre - 0.5 * gap, paddle_z_mm=centre + 0.5 * gap)
-        state, force = solve(plates, before.state if before else None)
-        return Tried(plates, state, force)
+        near = before.plates if before else middle
+        plates = balance.placed(near.at_height(near.centre_mm, gap))
+        tried = Tried(plates, *solve(plates, before.state if before else None))
+        if tried.state.converged:
+            balance.corrected(plates, tried.forces)  # from the next gap on
+        return tried
 
     wide, tried = height_mm, at(FIRST_GAP * height_mm, None)
     force_wide = 0.0
-    while tried.force_n < wanted_n and tried.state.converged:
+    while balance.common_n(tried.forces) < wanted_n and tried.state.converged:
         gap = tried.plates.thickness_mm
         if gap <= SMALLEST_GAP * height_mm:
             raise InputError(
                 f"compression.force_n: found {wanted_n:g} N, but this breast bears at most "
-                f"{tried.force_n:.3g} N, at a thickness of {gap:.1f} mm; must be smaller"
+                f"{tried.forces.paddle_n:.3g} N, at a thickness of {gap:.1f} mm; must be smaller"
             )
-        wide, force_wide = gap, tried.force_n
+        wide, force_wide = gap, balance.common_n(tried.forces)
         tried = at(max(THINNER * gap, SMALLEST_GAP * height_mm), tried)
-    thin, force_thin = tried.plates.thickness_mm, tried.force_n
-    while not _good_enough(tried, wanted_n) and wide - thin > NARROW_MM:
-        share = _share(wanted_n, force_thin, force_wide)
-        tried = at(thin + share * (wide - thin), tried)
-        if tried.force_n > wanted_n:
-            thin, force_thin = tried.plates.thickness_mm, tried.force_n
+    thin, force_thin = tried.plates.thickness_mm, balance.common_n(tried.forces)
+    only_higher = 0
+    while not _good_enough(tried, wanted_n, balance) and wide - thin > NARROW_MM:
+        gap, force = tried.plates.thickness_mm, balance.common_n(tried.forces)
+        if _near(force, wanted_n) and only_higher < MAX_CORRECTIONS:
+            only_higher += 1
         else:
-            wide, force_wide = tried.plates.thickness_mm, tried.force_n
+            gap = thin + _share(wanted_n, force_thin, force_wide) * (wide - thin)
+        tried = at(gap, tried)
+        force = balance.common_n(tried.forces)
+        if force > wanted_n:
+            thin, force_thin = gap, force
+        else:
+            wide, force_wide = gap, force
     return tried.plates, tried.state
 
 
-def _good_enough(tried: Tried[S], wanted_n: float) -> bool:
-    near = abs(tried.force_n - wanted_n) <= FORCE_TOLERANCE * wanted_n
+def _good_enough(tried: Tried[S], wanted_n: float, balance: BalancedHeight) -> bool:
+    near = _near(tried.forces.paddle_n, wanted_n) and balance.is_found(tried.forces)
     return near or not tried.state.converged
+
+
+def _near(force_n: float, wanted_n: float) -> bool:
+    return abs(force_n - wanted_n) <= FORCE_TOLERANCE * wanted_n
 
 
 def _share(wanted: float, thin: float, wide: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -12,9 +12,10 @@ from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.continuation import continued
 from mammosim.compression.credibility import contact_quantities
 from mammosim.compression.displacement import DisplacementField
-from mammosim.compression.force_control import reach_force
+from mammosim.compression.force_control import settled
 from mammosim.compression.hyperelastic.measures import (
     body_measures,
+    plate_forces,
     unbalanced_place,
     weakest_place,
 )
@@ -23,7 +24,14 @@ from mammosim.compression.hyperelastic.newton import State
 from mammosim.compression.hyperelastic.stages import HISTORY, Stages
 from mammosim.compression.hyperelastic.tilt import level_paddle, moment_nm
 from mammosim.compression.model import MechanicalModel
-from mammosim.compression.plates import Plates, held_tissue, place_plates, plate_edge_mm
+from mammosim.compression.plate_balance import BalancedHeight, PlateForces
+from mammosim.compression.plates import (
+    Plates,
+    heights_beyond_edge_mm,
+    held_tissue,
+    place_plates,
+    plate_edge_mm,
+)
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.spring_case import DOWN, GRAVITY_M_S2
 from mammosim.errors import InputError
@@ -36,6 +44,9 @@ AIR_LAYERS = 3
 
 WIDEST_STEP = 0.1
 """Part of the gap by which plates may move in one go from a state that is known."""
+
+BALANCE_LEVEL = 1
+"""Of the nested bodies, the one on which the plates' height is sought: elements twice as large."""
 
 BYTES_PER_NODE = 1300.0
 """Of the lattice's box: displacement and force in double precision; a block stencil holds 126
@@ -105,24 +116,25 @@ def compress_hyperelastic(
     gravity, friction or bending of the plates; time plays no part.
     """
     mesh, plates, notes = body_between_plates(breast, view, settings, lattice_shift)
+    edge_mm = float(mesh.nodes.spacing_mm[0])
     depth_mm = plates.panel.front_mm if plates.panel else 0.0
     stages = Stages(mesh, plates.edge_mm, settings.tolerance_mm, watch, depth_mm)
+    coarse = _CoarseBody(stages)
+    balance = BalancedHeight(
+        coarse.forces, *heights_beyond_edge_mm(mesh.elements, plates.edge_mm),
+        weightless=not settings.gravity,
+    )  # fmt: skip
 
-    def with_force(plates: Plates, start: _Reached | None) -> tuple[_Reached, float]:
-        near = start is not None and start.plates.thickness_mm - plates.thickness_mm < (
-            WIDEST_STEP * plates.thickness_mm
-        )
-        state = stages.settle(plates, start.state.u) if near and start else stages.compress(plates)
-        return _Reached(state, plates), body_measures(mesh, stages.contact(0, plates), state)[
-            "force_n"
-        ]
+    def equilibrium(plates: Plates, start: _Reached | None) -> tuple[_Reached, PlateForces]:
+        if _is_near(start, plates):
+            state = stages.settle(plates, start.state.u)
+        else:
+            state = stages.compress(plates, start=coarse.start(plates))
+        return _Reached(state, plates), plate_forces(stages.contact(0, plates), state, edge_mm)
 
-    if settings.force_n is not None:
-        bottom, top = mesh.elements.height_mm
-        plates, reached = reach_force(plates, top - bottom, settings.force_n, with_force)
-        state = reached.state
-    else:
-        state = stages.compress(plates)
+    bottom, top = mesh.elements.height_mm
+    plates, reached = settled(plates, settings, top - bottom, balance, equilibrium)
+    state = reached.state
     tilt = settings.paddle.tilt if settings.paddle else None
     if tilt is not None and tilt.spring_nm_per_deg is not None:
         levelled = level_paddle(stages, plates, state, tilt.spring_nm_per_deg, tilt.max_deg)
@@ -130,6 +142,49 @@ def compress_hyperelastic(
         if levelled.stopped:
             notes = (*notes, f"the paddle tilts up to its stop at {tilt.max_deg:g} degrees")
     return _result(breast, view, stages, plates, state, notes)
+
+
+class _CoarseBody:
+    """A coarse body without weight, on which the height of the plates is sought.
+
+    Each place starts from the one before.
+    """
+
+    def __init__(self, stages: Stages) -> None:
+        self._stages = stages.without_weight()
+        self._level = min(BALANCE_LEVEL, len(stages.bodies) - 1)
+        self._before: _Reached | None = None
+
+    def forces(self, plates: Plates) -> PlateForces | None:
+        """Forces of plates at a place; None where the solver did not converge there."""
+        if _is_near(self._before, plates):
+            state = self._stages.settle(plates, self._before.state.u, self._level)
+        else:
+            state = self._stages.compress(plates, self._level)
+        reached = _Reached(state, plates)
+        self._before = reached if reached.converged or state.interrupted else None
+        if not reached.converged:
+            return None
+        edge_mm = 2.0**self._level * float(self._stages.mesh.nodes.spacing_mm[0])
+        return plate_forces(self._stages.contact(self._level, plates), state, edge_mm)
+
+    def start(self, plates: Plates) -> State | None:
+        """State of the body after the mesh itself, if it is known at or near a place of plates."""
+        if self._level == 1 and _is_near(self._before, plates):
+            return self._before.state
+        return None
+
+
+def _is_near(reached: _Reached | None, plates: Plates) -> TypeGuard[_Reached]:
+    """Whether a state may be led to other plates in one go."""
+    if reached is None:
+        return False
+    widest = WIDEST_STEP * plates.thickness_mm
+    moves = (
+        reached.plates.thickness_mm - plates.thickness_mm,
+        reached.plates.centre_mm - plates.centre_mm,
+    )
+    return max(map(abs, moves)) < widest
 
 
 def body_between_plates(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,13 +11,21 @@ from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.continuation import continued
 from mammosim.compression.credibility import contact_quantities
 from mammosim.compression.displacement import DisplacementField
-from mammosim.compression.force_control import reach_force
+from mammosim.compression.force_control import settled
 from mammosim.compression.model import MechanicalModel
-from mammosim.compression.plates import Plates, held_tissue, place_plates, plate_edge_mm
+from mammosim.compression.plate_balance import BalancedHeight, PlateForces
+from mammosim.compression.plates import (
+    Plates,
+    heights_beyond_edge_mm,
+    held_tissue,
+    place_plates,
+    plate_edge_mm,
+)
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.spring_case import SpringCase, make_case
 from mammosim.compression.springs import SpringProblem, SpringState, relax, solve
-from mammosim.compression.springs.measures import spring_measures
+from mammosim.compression.springs.measures import plate_forces, spring_measures
+from mammosim.compression.springs.resolution import coarsened
 from mammosim.compression.thesis_units import in_millimetres
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
@@ -31,6 +40,12 @@ BYTES_PER_NODE = 150.0
 
 SECONDS_PER_NODE = {"multigrid": 6e-6, "relaxation": 2e-3}
 """Of one compression on two cores (measured with benchmarks/pipeline.py)."""
+
+BALANCE_NODES = 20_000
+"""Tissue nodes of the coarse lattice on which the plates' height is sought, at most."""
+
+BALANCE_TOLERANCE = 0.02
+"""Of its equilibrium, its own lattice units."""
 
 SAMPLE_TOLERANCE = 0.01
 """Of a sample's equilibrium, lattice units: a hundredth of what samples of a 1 mm lattice differ
@@ -101,20 +116,32 @@ def compress_springs(
     edge = plate_edge_mm(settings, reach, muscle_fixed)
     plates, notes = place_plates(settings, breast, view, case.lattice, edge)
 
-    def equilibrium(plates: Plates, start: SpringState | None = None) -> SpringState:
-        solver = SPRING_SOLVERS[settings.solver]
-        return solver(case.problem(plates), settings, seed, start, watch)
+    def equilibrium(plates: Plates, start: SpringState | None) -> tuple[SpringState, PlateForces]:
+        problem = case.problem(plates)
+        state = SPRING_SOLVERS[settings.solver](problem, settings, seed, start, watch)
+        return state, plate_forces(problem, state, case.spacing_mm)
 
-    def with_force(plates: Plates, start: SpringState | None) -> tuple[SpringState, float]:
-        state = equilibrium(plates, start)
-        return state, spring_measures(case.problem(plates), state, case.spacing_mm)["force_n"]
-
-    if settings.force_n is not None:
-        bottom, top = case.lattice.height_mm
-        plates, state = reach_force(plates, top - bottom, settings.force_n, with_force)
-    else:
-        state = equilibrium(plates)
+    bottom, top = case.lattice.height_mm
+    plates, state = settled(
+        plates, settings, top - bottom, _balanced_height(case, edge), equilibrium
+    )
     return _result(breast, view, case, plates, state, (*case.lattice.notes, *notes))
+
+
+def _balanced_height(case: SpringCase, edge_mm: float) -> BalancedHeight:
+    """The search of the plates' height, on a coarse lattice solved anew for each."""
+
+    def forces(plates: Plates) -> PlateForces | None:
+        problem, spacing = replace(case.problem(plates), force=(None, None, None)), case.spacing_mm
+        while np.count_nonzero(problem.modulus) > BALANCE_NODES:
+            problem, spacing = coarsened(problem), 2.0 * spacing
+        state = solve(problem, BALANCE_TOLERANCE)
+        if state.interrupted:
+            raise KeyboardInterrupt
+        return plate_forces(problem, state, spacing) if state.converged else None
+
+    weightless = all(force is None for force in case.force)
+    return BalancedHeight(forces, *heights_beyond_edge_mm(case.lattice, edge_mm), weightless)
 
 
 def _result(

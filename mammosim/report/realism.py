@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from mammosim.acquisition import Mammogram
+from mammosim.acquisition import Mammogram, dose_limit_mgy
 from mammosim.compression import CompressedBreast, breast_volume_ml, population_thickness_mm
 from mammosim.report.appearance import SOURCE, appearance, measures_of
 from mammosim.report.quantities import number
@@ -17,10 +17,6 @@ from mammosim.report.texture import power_law_exponent
 
 Basis = Literal["published", "expected", "measured"]
 
-# Acceptable mean glandular dose, mGy, over the thickness of the equivalent breast, mm (European
-# guidelines for quality assurance in breast cancer screening and diagnosis, 4th edition, 2006).
-_DOSE_THICKNESS_MM = (21.0, 32.0, 45.0, 53.0, 60.0, 75.0, 90.0)
-_DOSE_LIMIT_MGY = (1.0, 1.5, 2.0, 2.5, 3.0, 4.5, 6.5)
 # Below this the detector would get too little; assumed, from the least of clinical surveys.
 _LEAST_DOSE_MGY = 0.4
 
@@ -179,7 +175,7 @@ def _pressure(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
 
 
 def _dose(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
-    limit = float(np.interp(mammogram.thickness_mm, _DOSE_THICKNESS_MM, _DOSE_LIMIT_MGY))
+    limit = dose_limit_mgy(mammogram.thickness_mm)
     return Finding(
         "Mean glandular dose", "mGy", mammogram.dose_mgy, _LEAST_DOSE_MGY, limit,
         "European guidelines, 4th edition: acceptable level at this thickness; the lower end is "

@@ -9,6 +9,7 @@ from mammosim.compression.hyperelastic._element_kernels import element_volumes
 from mammosim.compression.hyperelastic.contact import Contact
 from mammosim.compression.hyperelastic.mesh import Mesh
 from mammosim.compression.hyperelastic.newton import State
+from mammosim.compression.plate_balance import PlateForces
 
 
 def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float]:
@@ -28,16 +29,15 @@ def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float
         `skin_mm`, the skin's thickness, where it is a sheet.
     """
     edge = float(mesh.nodes.spacing_mm[0])
-    pressure, push = contact.pressure(state.u)
-    paddle, support = contact.plate_force(pressure, push)
+    pressure, _ = contact.pressure(state.u)
+    paddle_n, support_n = plate_forces(contact, state, edge)
     area = _touching_area(contact, state.u, pressure) * edge**2
-    newton = edge**2 * 1e-3
     measures = {
-        "force_n": paddle * newton,
-        "support_force_n": support * newton,
+        "force_n": paddle_n,
+        "support_force_n": support_n,
         "contact_area_mm2": float(area[0]),
         "support_contact_area_mm2": float(area[1]),
-        "pressure_kpa": 1e3 * paddle * newton / area[0] if area[0] > 0.0 else 0.0,
+        "pressure_kpa": 1e3 * paddle_n / area[0] if area[0] > 0.0 else 0.0,
     }
     volume, smallest = _volumes(mesh, state)
     tissue = mesh.body.fraction * mesh.body.active
@@ -59,6 +59,13 @@ def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float
     if mesh.body.structure.skin is not None:
         measures["skin_mm"] = mesh.body.structure.skin.thickness * edge
     return measures
+
+
+def plate_forces(contact: Contact, state: State, edge_mm: float) -> PlateForces:
+    """Forces on paddle and support of a state of a body whose elements have that edge."""
+    paddle, support = contact.plate_force(*contact.pressure(state.u))
+    newton = edge_mm**2 * 1e-3
+    return PlateForces(paddle * newton, support * newton)
 
 
 def weakest_place(mesh: Mesh, state: State, rotation: NDArray[np.float64]) -> NDArray[np.float64]:

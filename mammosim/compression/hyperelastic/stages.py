@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -120,20 +121,38 @@ class Stages:
         corner, edge = self._frame(level)
         return Contact(self.points[level], plates.solids(corner, edge), PENALTY * self._softness)
 
-    def compress(self, plates: Plates) -> State:
-        """State between plates, from rest."""
-        state = self._close(len(self.bodies) - 1, plates)
-        for level in range(len(self.bodies) - 2, -1, -1):
-            start = interpolated(state.u, self.bodies[level + 1], self.bodies[level])
-            if state.interrupted:
-                state = replace(state, u=start)
-            else:
-                state = self._settle(level, plates, start)
+    def compress(self, plates: Plates, finest: int = 0, start: State | None = None) -> State:
+        """State between plates.
+
+        Parameters
+        ----------
+        plates : Plates
+        finest : int
+            Number of the body at which to stop, 0 for the mesh itself.
+        start : State, optional
+            Of the body after `finest`, between plates at or near these; otherwise the breast is
+            compressed from rest.
+        """
+        first = finest if start else len(self.bodies) - 2
+        state = start or self._close(len(self.bodies) - 1, plates)
+        for level in range(first, finest - 1, -1):
+            u = interpolated(state.u, self.bodies[level + 1], self.bodies[level])
+            state = replace(state, u=u) if state.interrupted else self._settle(level, plates, u)
         return state
 
-    def settle(self, plates: Plates, u: NDArray[np.float64]) -> State:
-        """State of the finest body between plates, from a displacement near it."""
-        return self._settle(0, plates, u)
+    def settle(self, plates: Plates, u: NDArray[np.float64], level: int = 0) -> State:
+        """State of one of the bodies between plates, from a displacement near it."""
+        return self._settle(level, plates, u)
+
+    def without_weight(self) -> Stages:
+        """The same bodies, on which gravity does not act."""
+        if self.mesh.body.structure.mass is None:
+            return self
+        weightless = copy(self)
+        weightless.bodies = [
+            replace(body, structure=replace(body.structure, mass=None)) for body in self.bodies
+        ]
+        return weightless
 
     def _settle(self, level: int, plates: Plates, u: NDArray[np.float64]) -> State:
         """State of a body from a displacement that may have folded elements.

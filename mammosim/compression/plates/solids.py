@@ -141,6 +141,16 @@ class Plates:
         """Gap between the faces, mm."""
         return self.paddle_z_mm - self.support_z_mm
 
+    @property
+    def centre_mm(self) -> float:
+        """Height of the middle between the faces, mm."""
+        return 0.5 * (self.support_z_mm + self.paddle_z_mm)
+
+    def at_height(self, centre_mm: float, thickness_mm: float | None = None) -> Plates:
+        """The same plates about another height, with the same gap or another one, mm."""
+        half = 0.5 * (self.thickness_mm if thickness_mm is None else thickness_mm)
+        return replace(self, support_z_mm=centre_mm - half, paddle_z_mm=centre_mm + half)
+
     def solids(self, origin_mm: NDArray[np.float64], spacing_mm: float) -> tuple[Any, Any]:
         """Paddle and breast support as kernels take them.
 

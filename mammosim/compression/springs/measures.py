@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim.compression.plate_balance import PlateForces
 from mammosim.compression.springs._measure_kernels import (
     cell_volumes,
     held_columns,
@@ -49,11 +50,10 @@ def spring_measures(
     A spring carries (E/9) h Delta mN for E in kPa, h and Delta in mm.
     """
     contact = _contact(problem, state)
+    forces = _forces(*contact, spacing_mm)
     ux, uy, _ = state.displacement
     measures = {}
-    for side, plate in ((1, ""), (-1, "support_")):
-        held = contact[0] == side
-        newton = float(np.abs(contact[1][held]).sum()) * spacing_mm**2 / SPRINGS_ABOVE * 1e-3
+    for side, plate, newton in ((1, "", forces.paddle_n), (-1, "support_", forces.support_n)):
         place = np.zeros((*contact[0].shape[:2], 2))
         touching = np.zeros(contact[0].shape[:2], bool)
         held_columns(contact[0], ux, uy, side, place, touching)
@@ -64,6 +64,19 @@ def spring_measures(
     measures.update(volume_measures(problem, state, spacing_mm))
     measures["error_voxel"] = state.error
     return measures
+
+
+def plate_forces(problem: SpringProblem, state: SpringState, spacing_mm: float) -> PlateForces:
+    """Forces on paddle and support of a state; see `spring_measures`."""
+    return _forces(*_contact(problem, state), spacing_mm)
+
+
+def _forces(
+    contact: NDArray[np.int8], force: NDArray[np.float32], spacing_mm: float
+) -> PlateForces:
+    newton = spacing_mm**2 / SPRINGS_ABOVE * 1e-3
+    paddle, support = (float(np.abs(force[contact == side]).sum()) * newton for side in (1, -1))
+    return PlateForces(paddle, support)
 
 
 def volume_measures(

@@ -22,7 +22,7 @@ Displacement = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float6
 
 
 def coarsened(problem: SpringProblem) -> SpringProblem:
-    """The problem on every second node, with the mean modulus of the tissue around each.
+    """The problem on every second node, with the mean modulus (and Enl) of the tissue around each.
 
     Nodes that would hang on nothing are left out. Springs whose stiffness is given become those of
     the nodes' moduli: what is found here only is a start.
@@ -38,6 +38,12 @@ def coarsened(problem: SpringProblem) -> SpringProblem:
         target[tuple(slice(1, 1 + n) for n in part.shape)] = part
     tissue &= held_together(tissue, fixed)
     modulus = np.divide(total, weight, out=np.zeros(shape, np.float32), where=tissue)
+    growth = None
+    if problem.growth is not None:
+        growth = np.zeros(shape, np.float32)
+        restrict(problem.growth, growth)
+        np.divide(growth, weight, out=growth, where=tissue)
+        growth[~tissue] = 0.0
     force_x, force_y, force_z = problem.force
     return SpringProblem(
         modulus,
@@ -47,6 +53,7 @@ def coarsened(problem: SpringProblem) -> SpringProblem:
         (problem.edge + 1.0) / 2.0,
         (_gathered(force_x, tissue), _gathered(force_y, tissue), _gathered(force_z, tissue)),
         edge_radius=problem.edge_radius / 2.0,
+        growth=growth,
         chest=(problem.chest + 1.0) / 2.0,
     )
 

@@ -1,0 +1,69 @@
+"""Whether an exposure can be believed: its numbers against the table of limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.acquisition.dose import dose_limit_mgy
+from mammosim.acquisition.exposure import MAX_CONTROLLED_MAS
+from mammosim.acquisition.mammogram import Mammogram
+from mammosim.acquisition.recording import Arrival
+from mammosim.plausibility import doubts
+
+WHITE = 16383
+"""Largest pixel value, of 14 bits."""
+
+
+def judged(image: Mammogram, arrival: Arrival, wanted_mas: float, exposures: int = 1) -> Mammogram:
+    """A mammogram with its doubts among its notes.
+
+    Parameters
+    ----------
+    image : Mammogram
+    arrival : Arrival
+        That it was recorded from.
+    wanted_mas : float
+        Tube load that was set or that exposure control asked for, all exposures together, mAs.
+    exposures : int
+        How many of its kind share the load and the dose that are judged.
+
+    Returns
+    -------
+    Mammogram
+    """
+    quantities = {"tube_load_mas": image.mas * exposures}
+    if arrival.coarse.inside.any():
+        dose_mgy = image.measures.get("dose_of_all_projections_mgy", image.dose_mgy)
+        quantities["dose_percent_of_limit"] = 100.0 * dose_mgy / dose_limit_mgy(image.thickness_mm)
+        quantities.update(_of_picture(image.for_processing, arrival))
+        if arrival.settings.scatter_model != "none":
+            quantities["scatter_to_primary_ratio"] = arrival.scatter_to_primary
+    found = [str(doubt) for doubt in doubts(quantities)]
+    if wanted_mas > 1.001 * image.mas * exposures:
+        found.insert(0, (
+            f"exposure control asks for {wanted_mas:.4g} mAs and is limited to "
+            f"{MAX_CONTROLLED_MAS:g} mAs: the detector gets "
+            f"{100.0 * MAX_CONTROLLED_MAS / wanted_mas:.3g} % of the signal it is set to"
+        ))  # fmt: skip
+    breast = arrival.paths.breast
+    view = f"{breast.view.folder}: " if breast is not None else ""
+    return replace(image, notes=(*image.notes, *(f"{view}{text}" for text in found)))
+
+
+def _of_picture(counts: NDArray[np.uint16], arrival: Arrival) -> dict[str, float]:
+    """Saturated pixels, and those that share the commonest value, per cent of the breast's."""
+    inside, cell = arrival.coarse.inside, arrival.coarse.cell
+    rows, columns = counts.shape
+    histogram = np.zeros(WHITE + 1, np.int64)
+    in_columns = [np.repeat(row, cell)[:columns] for row in inside]
+    for row in range(rows):
+        here = counts[row][in_columns[row // cell]]
+        histogram += np.bincount(here, minlength=WHITE + 1)
+    number = int(histogram.sum())
+    return {
+        "saturated_percent": 100.0 * float(histogram[WHITE]) / number,
+        "uniform_pixels_percent": 100.0 * float(histogram.max()) / number,
+    }

@@ -1,0 +1,175 @@
+"""Common height of both plates at which paddle and breast support press alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from mammosim.compression.plates import Plates
+
+BALANCED = 0.02
+"""Difference of the two forces, of the larger one, that is left: well below the 5 % from which a
+result is doubtful."""
+
+MAX_TRIALS = 12
+"""Heights that are tried at one gap; 3 to 5 are usual."""
+
+FIRST_SLOPE = 2.5
+"""Change of the relative difference when the plates rise by the gap, at first; 1 to 6 were seen."""
+
+MAX_CORRECTIONS = 3
+"""Compressions of the breast itself after its first, each at a better height."""
+
+MARGIN = 0.02
+"""Part of the bracket that a trial keeps away from its ends."""
+
+
+class PlateForces(NamedTuple):
+    """Forces on the plates along their normal, N."""
+
+    paddle_n: float
+    support_n: float
+
+    @property
+    def imbalance(self) -> float:
+        """Support less paddle over the larger, -1 to 1; 0 where neither touches."""
+        largest = max(self.paddle_n, self.support_n)
+        return (self.support_n - self.paddle_n) / largest if largest > 0.0 else 0.0
+
+
+class Equilibrium(Protocol):
+    """A solver's state, of either model."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the solver reached its tolerance."""
+        ...
+
+
+S = TypeVar("S", bound=Equilibrium)
+
+
+@dataclass(frozen=True, eq=False)
+class Tried(Generic[S]):
+    """Plates at one place, the equilibrium there and their forces."""
+
+    plates: Plates
+    state: S
+    forces: PlateForces
+
+
+Solve = Callable[[Plates, S | None], tuple[S, PlateForces]]
+"""``solve(plates, start)``: the equilibrium and the plates' forces; each starts from the one
+before."""
+
+
+@dataclass(eq=False)
+class BalancedHeight:
+    """Finds the height of both plates at which a breast pushes no more down than up.
+
+    Parameters
+    ----------
+    forces : callable
+        ``forces(plates)`` on a coarse copy of the breast without weight; None where its solver did
+        not converge.
+    low_mm, high_mm : float
+        Lowest and highest face of the breast between the plates at rest.
+    weightless : bool
+        Whether the breast itself has no weight either, so that its own forces can be compared.
+
+    Notes
+    -----
+    A technologist brings the support to the breast, and the breast to the height of the support;
+    what the plates do not share, the chest wall would have to bear in shear. The higher both
+    plates, the more the support presses and the less the paddle: the difference has one zero. It is
+    found on a coarse copy (a secant inside a bracket), and then corrected by what the breast itself
+    shows, with the slope that the copy had.
+    """
+
+    forces: Callable[[Plates], PlateForces | None]
+    low_mm: float
+    high_mm: float
+    weightless: bool = True
+    _slope: float = field(default=FIRST_SLOPE, init=False)
+    _offset_mm: float = field(default=0.0, init=False)
+
+    def placed(self, plates: Plates) -> Plates:
+        """Plates with the same gap, at the height of balance as far as it is known.
+
+        Parameters
+        ----------
+        plates : Plates
+            Their height is where the search starts.
+        """
+        gap, centre = plates.thickness_mm, plates.centre_mm - self._offset_mm
+        low, high = self.low_mm + 0.5 * gap, self.high_mm - 0.5 * gap
+        if low >= high:
+            return plates
+        before: tuple[float, float] | None = None
+        for _ in range(MAX_TRIALS):
+            centre = float(
+                np.clip(centre, low + MARGIN * (high - low), high - MARGIN * (high - low))
+            )
+            found = self.forces(plates.at_height(centre))
+            if found is None:
+                return plates
+            left = found.imbalance
+            if abs(left) <= BALANCED:
+                break
+            low, high = (centre, high) if left < 0.0 else (low, centre)
+            if before is not None and centre != before[0]:
+                slope = gap * (left - before[1]) / (centre - before[0])
+                if slope > 0.0:
+                    self._slope = slope
+            before = (centre, left)
+            centre -= left * gap / self._slope
+        return plates.at_height(centre + self._offset_mm)
+
+    def common_n(self, forces: PlateForces) -> float:
+        """Force that the paddle will have at this gap once the plates press alike, N."""
+        return 0.5 * (forces.paddle_n + forces.support_n) if self.weightless else forces.paddle_n
+
+    def is_found(self, forces: PlateForces) -> bool:
+        """Whether the forces on the breast itself leave nothing to correct."""
+        return not self.weightless or abs(forces.imbalance) <= BALANCED
+
+    def corrected(self, plates: Plates, forces: PlateForces) -> Plates:
+        """Plates moved by what the breast itself showed at a height."""
+        if not self.weightless:
+            return plates
+        move = -forces.imbalance * plates.thickness_mm / self._slope
+        self._offset_mm += move
+        return plates.at_height(plates.centre_mm + move)
+
+
+def balanced(plates: Plates, height: BalancedHeight, solve: Solve[S]) -> tuple[Plates, S]:
+    """Equilibrium between plates of a given gap, at the height at which they press alike.
+
+    Parameters
+    ----------
+    plates : Plates
+        Where the search starts.
+    height : BalancedHeight
+    solve : callable
+
+    Returns
+    -------
+    plates : Plates
+    state : state of the model
+        Of the best height that was solved.
+    """
+    plates = height.placed(plates)
+    best = Tried(plates, *solve(plates, None))
+    for _ in range(MAX_CORRECTIONS):
+        if not best.state.converged or height.is_found(best.forces):
+            break
+        plates = height.corrected(best.plates, best.forces)
+        tried = Tried(plates, *solve(plates, best.state))
+        worse = abs(tried.forces.imbalance) >= abs(best.forces.imbalance)
+        if worse or not tried.state.converged:
+            break
+        best = tried
+    return best.plates, best.state
