@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -123,6 +123,34 @@ LIMITS: tuple[Limit, ...] = (
 _BY_QUANTITY = {limit.quantity: limit for limit in LIMITS}
 
 
+FOUND = ": found"
+"""Between the name of a limit and what is beyond it, in every message."""
+
+
+def patients_beyond(warnings: Mapping[int, Iterable[str]]) -> dict[str, int]:
+    """How many patients have a warning by each limit, and by none of them ('other').
+
+    Parameters
+    ----------
+    warnings : mapping of int to iterable of str
+        Warnings of each patient.
+
+    Examples
+    --------
+    >>> patients_beyond({3: ["LCC: tube load: found 900 mAs, ..."], 5: ["a side was guessed"]})
+    {'tube load': 1, 'other': 1}
+    """
+    counts = dict.fromkeys([*(limit.name for limit in LIMITS), "other"], 0)
+    for texts in warnings.values():
+        of_patient = {
+            next((limit.name for limit in LIMITS if limit.name + FOUND in text), "other")
+            for text in texts
+        }
+        for name in of_patient:
+            counts[name] += 1
+    return {name: count for name, count in counts.items() if count}
+
+
 def limit_of(quantity: str) -> Limit:
     """The limit of a quantity.
 
@@ -153,14 +181,14 @@ class Doubt:
     def __str__(self) -> str:
         limit, unit = self.limit, f" {self.limit.unit}" if self.limit.unit else ""
         if not math.isfinite(self.value):
-            return f"{limit.name}: found {self.value}, expected a number; {limit.advice}"
+            return f"{limit.name}{FOUND} {self.value}, expected a number; {limit.advice}"
         if self.severity == "error":
             allowed = f"no result above {limit.error_above:g}{unit}"
         elif self.value < limit.low:
             allowed = f"plausible from {limit.low:g}{unit}"
         else:
             allowed = f"plausible up to {limit.high:g}{unit}"
-        return f"{limit.name}: found {self.value:.4g}{unit}, {allowed}; {limit.advice}"
+        return f"{limit.name}{FOUND} {self.value:.4g}{unit}, {allowed}; {limit.advice}"
 
 
 def doubts(quantities: Mapping[str, float]) -> tuple[Doubt, ...]:

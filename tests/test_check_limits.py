@@ -49,6 +49,28 @@ def test_what_run_refuses_is_refused_by_check(changes, message, tmp_path):
     assert result.exit_code == 2, result.output
 
 
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"acquisition": {"mas": 0.5}}, "CC: tube load: found 0.5 mAs, plausible from 1 mAs"),
+        ({"acquisition": {"mas": 1000}}, "CC: tube load: found 1000 mAs, plausible up to 600 mAs"),
+        ({"compression": {"thickness_mm": 5}}, "CC: compressed thickness: found 5 mm"),
+        ({"compression": {"spring_law": "exponential"}}, "compression.spring_law: exponential"),
+    ],
+)
+def test_what_the_settings_alone_make_doubtful_is_said_by_check(changes, said, tmp_path):
+    result = invoke("check", write(save_breast(tmp_path), views=["CC"], **changes))
+    assert result.exit_code == 0, result.output
+    assert f"warning: {said}" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize("mas", [1e308, 1e-9, 0])
+def test_a_tube_load_that_cannot_be_computed_is_refused(mas, tmp_path):
+    result = invoke("check", write(save_breast(tmp_path), acquisition={"mas": mas}))
+    assert result.exit_code == 2
+    assert "acquisition.mas" in result.output
+
+
 def test_a_shadow_that_compression_makes_too_long_is_foreseen(tmp_path):
     """The breast itself would fit: its shadow is estimated on a coarse lattice of springs."""
     projection = {"detector_mm": [60, 40], "pixel_mm": 0.8}

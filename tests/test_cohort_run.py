@@ -29,6 +29,7 @@ from mammosim.cohort.settings import DatasetSettings
 from mammosim.cohort.status import patient_folder
 from mammosim.config import write_yaml
 from mammosim.errors import InputError, Interrupted
+from mammosim.export import text_of_csv
 from mammosim.pipeline import make_plan, writing
 
 PATIENTS = 5
@@ -207,6 +208,12 @@ def test_threads_make_no_difference(description, undisturbed, tmp_path):
     assert data_of(tmp_path) == some
 
 
+def warnings_in(folder):
+    """Warnings in each patient's record."""
+    records = {index: patient_folder(folder, index) / "run.json" for index in (0, 1, 2, 4)}
+    return {index: json.loads(path.read_text())["warnings"] for index, path in records.items()}
+
+
 def test_one_tidy_table_and_the_failures(disturbed):
     table = pyarrow.parquet.read_table(disturbed / "table.parquet").to_pylist()
     assert [row["patient"] for row in table] == [0, 0, 1, 1, 2, 2, 4, 4]
@@ -220,6 +227,11 @@ def test_one_tidy_table_and_the_failures(disturbed):
         assert row["volumetric_density_percent"] == view["volumetric_density_percent"]
         assert row["phantom.lesions.0.diameter_mm"] in (8, 9, 10, 11)
         assert row["all_seconds"] > 0
+    warned = warnings_in(disturbed)
+    assert [row["warnings"] for row in table] == [len(warned[row["patient"]]) for row in table]
+    listed = list(csv.DictReader((disturbed / "warnings.csv").open(newline="")))
+    found = [(int(row["patient"]), text_of_csv(row["warning"])) for row in listed]
+    assert found == [(index, text) for index, texts in warned.items() for text in texts]
     failures = list(csv.DictReader((disturbed / "failures.csv").open(newline="")))
     assert [row["patient"] for row in failures] == [str(FAULTY)]
     assert "mass" in failures[0]["reason"]
@@ -258,6 +270,10 @@ def test_status_tells_what_is_there(disturbed, tmp_path):
     assert result.exit_code == 0
     assert "4 of 5 done, 1 failed, 0 not made; --resume goes on" in result.output
     assert f"patient {FAULTY}: " in result.output
+    warned = sum(bool(texts) for texts in warnings_in(disturbed).values())
+    assert len(status.warnings) == warned
+    said = f"{warned} patients have warnings, see warnings.csv"
+    assert (said in " ".join(result.output.split())) == (warned > 0)
     with writing(disturbed):
         assert cohort_status(disturbed).active
 

@@ -185,6 +185,14 @@ def test_one_plate_is_no_compression(order):
     assert find_plates(labels, frame) is None
 
 
+def test_a_compressed_breast_that_is_compressed_again_says_so(tmp_path):
+    save(tmp_path, slab())
+    keys = {"phantom": {"file": "a.npz", "compressed_for": "CC"}, "laterality": "L"}
+    compression = {"thickness_mm": 30, "resolution_mm": 8.0}
+    result = invoke("check", write(tmp_path, **keys, views=["CC"], compression=compression))
+    assert "warning: LCC: the phantom was compressed before and" in " ".join(result.output.split())
+
+
 def test_a_view_must_be_known_where_several_are_made(tmp_path):
     save(tmp_path, slab())
     keys = {"phantom": {"file": "a.npz"}, "compression": {"model": "none"}}
@@ -194,6 +202,11 @@ def test_a_view_must_be_known_where_several_are_made(tmp_path):
     breast = read_phantom(tmp_path / "a.npz")
     assert "taken for those of CC" in compress(breast, "CC", model="none").notes[0]
     assert any("which breast it is: left was taken" in note for note in breast.notes)
+    one = invoke("check", write(tmp_path, **keys, views=["CC"]))
+    assert one.exit_code == 0
+    said = " ".join(one.output.split())
+    assert "warning: LCC: the phantom holds plates, but phantom.compressed_for was left" in said
+    assert "warning: a compressed breast does not show which breast it is: left was taken" in said
     with pytest.raises(InputError, match="compressed_for: found 'XCC'"):
         read_phantom(tmp_path / "a.npz", compressed_for="XCC")
 

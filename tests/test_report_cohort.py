@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mammosim.plausibility import doubts
 from mammosim.report import contact_sheet, render_cohort
 from mammosim.report.cohort_page import A_LESION, A_VIEW
 from mammosim.report.contact_sheet import MOST_PATIENTS, ROWS
@@ -68,3 +69,18 @@ def test_the_page_links_the_pictures_and_keeps_the_order_of_a_choice(cohort, mon
     assert page.count("data:image/jpeg") == 3
     assert "<figcaption>patient 4</figcaption>" in page
     assert drawn_bars == [["fatty", "scattered", "dense"]]
+
+
+def test_the_page_counts_patients_by_limit_and_lists_their_warnings():
+    table = {
+        "patient": [0, 4], "view": ["CC", "CC"], "kind": ["nipple", "nipple"],
+        **{column: [None, None] for column, _, _ in (*A_VIEW, *A_LESION)},
+    }  # fmt: skip
+    loads = [f"LCC: {doubt}" for doubt in doubts({"tube_load_mas": 900.0})]
+    warnings = {0: [*loads, "laterality: a <guess>"], 4: [*loads, *loads]}
+    page = render_cohort("mine", table, {}, [], warnings=warnings)
+    assert "<tr><td>tube load<td>2</tr>" in page
+    assert "<tr><td>other<td>1</tr>" in page
+    assert 'class="text">laterality: a &lt;guess&gt;' in page
+    assert page.count("LCC: tube load: found 900 mAs") == 3
+    assert "Warnings" not in render_cohort("mine", table, {}, [])

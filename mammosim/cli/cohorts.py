@@ -17,14 +17,16 @@ from mammosim.cli.terminal import (
     check_output,
     err,
     exit_status,
+    print_warnings,
     say,
     say_progress,
 )
+from mammosim.plausibility import patients_beyond
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from mammosim.cohort import Progress
+    from mammosim.cohort import CohortStatus, Progress
 
 SECONDS_A_LINE = 10.0
 """Between two lines of progress where there is no terminal."""
@@ -59,7 +61,7 @@ def run(
 ) -> None:
     """Make all patients of a cohort, and one table of all."""
     with exit_status():
-        from mammosim.cohort import load_cohort, run_cohort
+        from mammosim.cohort import cohort_status, load_cohort, run_cohort
 
         described = load_cohort(description, change or ())
         folder = output or Path("runs") / described.title
@@ -68,6 +70,7 @@ def run(
             done = run_cohort(described, folder, scheduler=scheduler, workers=workers, tell=tell)
         say(done.sentence(datetime.now()))
         say(f"results in {folder}; open {folder / 'summary.html'}")
+        print_warnings(_warned(cohort_status(folder)))
         if done.failed:
             say_progress(f"{done.failed} patients failed: see {folder / 'failures.csv'}")
             raise typer.Exit(UNCONVERGED)
@@ -93,6 +96,15 @@ def status(
             )
         for index, reason in list(found.failures.items())[:MOST_REASONS]:
             say(f"patient {index}: {reason}")
+        print_warnings(_warned(found))
+
+
+def _warned(found: CohortStatus) -> list[str]:
+    """How many patients have a warning by each limit, and where all of them are."""
+    if not found.warnings:
+        return []
+    counts = (f"{name}: {n}" for name, n in patients_beyond(found.warnings).items())
+    return [f"{len(found.warnings)} patients have warnings, see warnings.csv ({', '.join(counts)})"]
 
 
 @contextmanager

@@ -105,14 +105,16 @@ def run(
         if resume and is_finished(folder, settings):  # also where nothing can be written
             say(f"{folder}: this run is finished already")
             return
-        check_memory_limit(make_plan(settings))
+        plan = make_plan(settings)
+        check_memory_limit(plan)
+        print_warnings(plan.warnings)
         refuse_own_configuration(folder, config)
         with signals_interrupt(), writing(folder):
             saved = RunFolder(folder, settings, title, reuse or ())
             with progress() as tell:
                 study = simulate(settings, saved, tell)
         _print_summary(study, folder)
-        print_warnings(study.notes)
+        print_warnings(note for note in study.notes if note not in plan.warnings)
         if saved.stages.reused:
             kept = ", ".join(saved.stages.reused)
             say(f"kept from before: {kept}")
@@ -155,32 +157,34 @@ def check(
         from mammosim.pipeline import is_cohort
 
         plan_of = _cohort_plan if is_cohort(read_yaml(config)) else _run_plan
-        lines = plan_of(config, change or ())
+        lines, warnings = plan_of(config, change or ())
         for line in lines:
             say(line)
+        print_warnings(warnings)
 
 
-def _run_plan(config: Path, changes: Sequence[str]) -> list[str]:
+def _run_plan(config: Path, changes: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
     from mammosim.pipeline import check_before, check_memory_limit, load_config, make_plan
 
     settings = load_config(config, changes)
     plan = make_plan(settings)
     check_memory_limit(plan)
-    check_before(settings)
+    warnings = (*plan.warnings, *check_before(settings))
     needs = f"about {plan.memory_gb:.1f} GB of memory and {max(plan.minutes, 0.1):.1f} minutes"
-    return [*plan.lines, f"{needs} on two cores"]
+    return [*plan.lines, f"{needs} on two cores"], warnings
 
 
-def _cohort_plan(config: Path, changes: Sequence[str]) -> list[str]:
+def _cohort_plan(config: Path, changes: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
     from mammosim.cohort import load_cohort, plan_cohort
 
     plan = plan_cohort(load_cohort(config, changes))
     time = f"{plan.hours:.0f} hours" if plan.hours > 3 else f"{60 * plan.hours:.0f} minutes"
-    return [
+    lines = [
         *plan.lines,
         f"about {plan.memory_gb:.1f} GB of memory a worker and {time} for all; "
         f"workers here: {plan.workers.count}, threads of each: {plan.workers.threads}",
     ]
+    return lines, plan.warnings
 
 
 @app.command()

@@ -1,11 +1,11 @@
-"""One tidy table of a cohort, a row a patient, view and target; failures; the summary page."""
+"""One tidy table of a cohort, a row a patient, view and target; warnings; failures; summary."""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from io import TextIOWrapper
 from pathlib import Path
@@ -19,13 +19,15 @@ from numpy.random import default_rng
 from mammosim.cohort.description import Cohort, dotted
 from mammosim.cohort.distributions import LEFT_OUT, Choice, Column, Distribution
 from mammosim.cohort.patient import Outcome
+from mammosim.cohort.status import warnings_of
 from mammosim.config import open_file
 from mammosim.export import csv_text, text_of_csv, whole_file, write_text
 from mammosim.pipeline import read_record
 from mammosim.report import contact_sheet, render_cohort
 from mammosim.targets import Target
 
-PARQUET, CSV, FAILURES, SUMMARY = "table.parquet", "table.csv", "failures.csv", "summary.html"
+PARQUET, CSV, SUMMARY = "table.parquet", "table.csv", "summary.html"
+WARNINGS, FAILURES = "warnings.csv", "failures.csv"
 
 ROWS_OF = 500
 """Patients whose rows are in memory together."""
@@ -54,7 +56,7 @@ def write_tables(
     finished: Sequence[tuple[int, Path]],
     failed: Sequence[Outcome],
 ) -> None:
-    """Write `table.parquet`, `table.csv`, `failures.csv` and `summary.html`.
+    """Write `table.parquet`, `table.csv`, `warnings.csv`, `failures.csv` and `summary.html`.
 
     Parameters
     ----------
@@ -78,11 +80,15 @@ def write_tables(
             table = pa.Table.from_pylist(rows, schema)
             columns.write_table(table)
             lines.write_table(pa.Table.from_pylist([_as_cells(row) for row in rows], schema))
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(["patient", "kind", "reason"])
-    writer.writerows([outcome.index, outcome.kind, csv_text(outcome.reason)] for outcome in failed)
-    write_text(folder / FAILURES, stream.getvalue())
+    warned = {index: warnings_of(read_record(path)) for index, path in finished}
+    _write_csv(
+        folder / WARNINGS, ("patient", "warning"),
+        ((index, csv_text(text)) for index, found in warned.items() for text in found),
+    )  # fmt: skip
+    _write_csv(
+        folder / FAILURES, ("patient", "kind", "reason"),
+        ((outcome.index, outcome.kind, csv_text(outcome.reason)) for outcome in failed),
+    )  # fmt: skip
     reasons = [(outcome.index, outcome.reason) for outcome in failed]
     drawn = {
         dotted(path): [_cell(value) for value in law.choice] if isinstance(law, Choice) else []
@@ -90,7 +96,15 @@ def write_tables(
     }
     table = pa.parquet.read_table(folder / PARQUET).to_pydict()
     sheet = contact_sheet(folder, finished)
-    write_text(folder / SUMMARY, render_cohort(cohort.title, table, drawn, reasons, sheet))
+    write_text(folder / SUMMARY, render_cohort(cohort.title, table, drawn, reasons, sheet, warned))
+
+
+def _write_csv(path: Path, heading: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(heading)
+    writer.writerows(rows)
+    write_text(path, stream.getvalue())
 
 
 def table_schema(cohort: Cohort) -> pa.Schema:
@@ -100,8 +114,9 @@ def table_schema(cohort: Cohort) -> pa.Schema:
     views = [(ANODE.get(name, name), kind) for name, kind in OF_VIEW.items()]
     seconds = [(f"{stage}_seconds", pa.float64()) for stage in (*SECONDS, "all")]
     ours = [("patient", pa.int64()), ("seed", pa.int64())]
+    warnings = [("warnings", pa.int64())]
     # A key that is a column anyway, as laterality, has one: the run says what came of it.
-    return pa.schema(list(dict([*ours, *drawn, *targets, *views, *seconds]).items()))
+    return pa.schema(list(dict([*ours, *drawn, *targets, *views, *warnings, *seconds]).items()))
 
 
 def _type_of(law: Distribution, cohort: Cohort) -> pa.DataType:
@@ -125,6 +140,7 @@ def _rows(cohort: Cohort, index: int, folder: Path) -> Iterator[dict[str, Any]]:
     record = read_record(folder)
     drawn = {name: _cell(value) for name, value in cohort.drawn(index).items()}
     seconds = record.get("stage_seconds", {})
+    warnings = len(warnings_of(record))
     views = {
         (view["laterality"], view["view"]): (name, view)
         for name, view in record.get("views", {}).items()
@@ -137,6 +153,7 @@ def _rows(cohort: Cohort, index: int, folder: Path) -> Iterator[dict[str, Any]]:
                 **drawn,
                 **{part.name: _parsed(row[part.name], str(part.type)) for part in fields(Target)},
                 **{ANODE.get(key, key): view.get(key) for key in OF_VIEW if key != "laterality"},
+                "warnings": warnings,
                 **{f"{stage}_seconds": seconds.get(stage, seconds.get(f"{name}.{stage}"))
                    for stage in SECONDS},
                 "all_seconds": sum(seconds.values()),

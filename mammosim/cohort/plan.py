@@ -29,12 +29,15 @@ class CohortPlan:
         Memory of a worker with the largest patient, GB.
     hours : float
         On this machine.
+    warnings : tuple of str
+        What the settings of the first patients make doubtful.
     """
 
     lines: tuple[str, ...]
     workers: Workers
     memory_gb: float
     hours: float
+    warnings: tuple[str, ...] = ()
 
 
 def plan_cohort(cohort: Cohort) -> CohortPlan:
@@ -49,12 +52,13 @@ def plan_cohort(cohort: Cohort) -> CohortPlan:
     plans, problems = first_plans(cohort)
     if problems:
         raise InputError(problems)
-    check_before(cohort.config_of(0))
+    first = check_before(cohort.config_of(0))
     memory_gb = max(map(worker_gb, plans))
     workers = share_machine(memory_gb, cohort.patients, None, cohort.settings.memory_gb)
     minutes = cohort.patients * sum(plan.minutes for plan in plans) / len(plans)
     hours = minutes / 60.0 * PLANNED_CORES / (workers.count * workers.threads)
-    return CohortPlan(_lines(cohort, plans), workers, memory_gb, hours)
+    warnings = dict.fromkeys([*first, *(text for plan in plans for text in plan.warnings)])
+    return CohortPlan(_lines(cohort, plans), workers, memory_gb, hours, tuple(warnings))
 
 
 def first_plans(cohort: Cohort) -> tuple[list[Plan], list[str]]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from mammosim.cohort.cohort_progress import Progress
 from mammosim.cohort.description import load_cohort
@@ -32,11 +34,14 @@ class CohortStatus:
         Whether a run is at work in the folder now.
     failures : dict of int to str
         Reason of each patient that failed.
+    warnings : dict of int to tuple of str
+        Warnings of each patient that is done and has some.
     """
 
     progress: Progress
     active: bool
     failures: dict[int, str]
+    warnings: dict[int, tuple[str, ...]]
 
 
 def patient_folder(folder: Path, index: int) -> Path:
@@ -56,7 +61,7 @@ def cohort_status(folder: Path) -> CohortStatus:
         raise InputError(f"{folder}: no cohort's folder, {RECORD} is missing")
     patients = load_cohort(folder / RECORD).patients
     active = is_being_written(folder)
-    done, failures = 0, {}
+    done, failures, warnings = 0, {}, {}
     for index in range(patients):
         place = patient_folder(folder, index)
         if not place.is_dir():
@@ -64,15 +69,26 @@ def cohort_status(folder: Path) -> CohortStatus:
         reason = _failure(place)
         if reason is not None:
             failures[index] = reason
-        elif read_record(place).get("status") == "done":
+            continue
+        record = read_record(place)
+        if record.get("status") == "done":
             done += 1
+            found = warnings_of(record)
+            if found:
+                warnings[index] = found
     noted = _noted(folder)
     made = min(int(noted.get("made", 0)), done)
     progress = Progress(
         patients, done - made, made, len(failures), int(noted.get("running", 0)) if active else 0,
         int(noted.get("workers", 0)) if active else 0, noted.get("seconds", 0.0),
     )  # fmt: skip
-    return CohortStatus(progress, active, failures)
+    return CohortStatus(progress, active, failures, warnings)
+
+
+def warnings_of(record: Mapping[str, Any]) -> tuple[str, ...]:
+    """Warnings in a run's record; none where it holds anything else."""
+    found = record.get("warnings", ())
+    return tuple(text for text in found if isinstance(text, str)) if found else ()
 
 
 def _failure(folder: Path) -> str | None:

@@ -11,6 +11,7 @@ from mammosim.compression.plate_check import check_plates
 from mammosim.compression.plates import held_tissue, plate_edge_mm, population_thickness_mm
 from mammosim.compression.samples import Sample, Sampler
 from mammosim.compression.settings import CompressionSettings
+from mammosim.compression.uncompressed import held_before
 
 __all__ = [
     "MODELS",
@@ -26,6 +27,7 @@ __all__ = [
     "check_plates",
     "compress",
     "compressing_models",
+    "held_before",
     "held_tissue",
     "plate_edge_mm",
     "population_thickness_mm",

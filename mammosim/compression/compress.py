@@ -16,7 +16,7 @@ from mammosim.compression.keys import CompressionKeys
 from mammosim.compression.model import MODELS
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.spring_model import SPRINGS
-from mammosim.compression.uncompressed import UNCOMPRESSED
+from mammosim.compression.uncompressed import UNCOMPRESSED, held_before
 from mammosim.config import documents_keys, given_settings
 from mammosim.errors import InputError, Interrupted, NotConverged
 from mammosim.geometry import View
@@ -74,6 +74,9 @@ def compress(
     held = as_held(breast, view.rotation[1])
     model = MODELS[settings.model]
     squeezed: CompressedBreast = model.compress(held, view, settings, seed, watch)
+    if model.compresses:
+        again = held_before(breast, view, compresses=True)
+        squeezed = replace(squeezed, notes=(*squeezed.notes, *again))
     if squeezed.interrupted:
         raise Interrupted(f"{view.folder}: compression was interrupted", squeezed)
     if not squeezed.converged:

@@ -45,6 +45,9 @@ AIR_LAYERS = 3
 WIDEST_STEP = 0.1
 """Part of the gap by which plates may move in one go from a state that is known."""
 
+WIDEST_COARSE_STEP = 0.3
+"""The same of the coarse body, which is compressed anew where that leads nowhere."""
+
 BALANCE_LEVEL = 1
 """Of the nested bodies, the one on which the plates' height is sought: elements twice as large."""
 
@@ -157,9 +160,10 @@ class _CoarseBody:
 
     def forces(self, plates: Plates) -> PlateForces | None:
         """Forces of plates at a place; None where the solver did not converge there."""
-        if _is_near(self._before, plates):
+        state = None
+        if _is_near(self._before, plates, WIDEST_COARSE_STEP):
             state = self._stages.settle(plates, self._before.state.u, self._level)
-        else:
+        if state is None or not (state.converged or state.interrupted):
             state = self._stages.compress(plates, self._level)
         reached = _Reached(state, plates)
         self._before = reached if reached.converged or state.interrupted else None
@@ -175,16 +179,17 @@ class _CoarseBody:
         return None
 
 
-def _is_near(reached: _Reached | None, plates: Plates) -> TypeGuard[_Reached]:
+def _is_near(
+    reached: _Reached | None, plates: Plates, widest: float = WIDEST_STEP
+) -> TypeGuard[_Reached]:
     """Whether a state may be led to other plates in one go."""
     if reached is None:
         return False
-    widest = WIDEST_STEP * plates.thickness_mm
     moves = (
         reached.plates.thickness_mm - plates.thickness_mm,
         reached.plates.centre_mm - plates.centre_mm,
     )
-    return max(map(abs, moves)) < widest
+    return max(map(abs, moves)) < widest * plates.thickness_mm
 
 
 def body_between_plates(

@@ -23,6 +23,9 @@ class MechanicalModel:
     quantities : callable
         ``quantities(compressed, settings)``: numbers to hold against the limits of
         `mammosim.plausibility`, by the names there.
+    cautions : callable
+        ``cautions(settings)``: sentences on what makes a result of these settings doubtful, which
+        are known before anything is computed.
     own_keys : tuple of str
         Keys of `CompressionSettings` that other models do not know.
     chest_walls : tuple of str
@@ -43,6 +46,7 @@ class MechanicalModel:
     method: Callable[[Any], str]
     where_it_stopped: Callable[[Any, Any], str]
     quantities: Callable[[Any, Any], Mapping[str, float]] = lambda compressed, settings: {}
+    cautions: Callable[[Any], tuple[str, ...]] = lambda settings: ()
     own_keys: tuple[str, ...] = ()
     chest_walls: tuple[str, ...] = ("fixed", "sliding", "fascia")
     compresses: bool = True

@@ -10,9 +10,12 @@ import numpy as np
 
 from mammosim.compression.plates import Plates
 
-BALANCED = 0.02
-"""Difference of the two forces, of the larger one, that is left: well below the 5 % from which a
-result is doubtful."""
+BALANCED = 0.04
+"""Difference of the two forces, of the larger one, that is left: below the 5 % from which a result
+is doubtful."""
+
+BALANCED_COARSE = 0.02
+"""The same of the coarse copy on which the height is sought."""
 
 MAX_TRIALS = 12
 """Heights that are tried at one gap; 3 to 5 are usual."""
@@ -117,7 +120,7 @@ class BalancedHeight:
             if found is None:
                 return plates
             left = found.imbalance
-            if abs(left) <= BALANCED:
+            if abs(left) <= BALANCED_COARSE:
                 break
             low, high = (centre, high) if left < 0.0 else (low, centre)
             if before is not None and centre != before[0]:

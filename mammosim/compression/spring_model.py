@@ -41,6 +41,11 @@ BYTES_PER_NODE = 150.0
 SECONDS_PER_NODE = {"multigrid": 6e-6, "relaxation": 2e-3}
 """Of one compression on two cores (measured with benchmarks/pipeline.py)."""
 
+STIFFENS_TOO_MUCH = (
+    "compression.spring_law: exponential, with the thesis' constants, gives forces that no breast "
+    "bears at an ordinary thickness: use linear, or model: hyperelastic"
+)
+
 BALANCE_NODES = 20_000
 """Tissue nodes of the coarse lattice on which the plates' height is sought, at most."""
 
@@ -125,7 +130,9 @@ def compress_springs(
     plates, state = settled(
         plates, settings, top - bottom, _balanced_height(case, edge), equilibrium
     )
-    return _result(breast, view, case, plates, state, (*case.lattice.notes, *notes))
+    return _result(
+        breast, view, case, plates, state, (*_cautions(settings), *case.lattice.notes, *notes)
+    )
 
 
 def _balanced_height(case: SpringCase, edge_mm: float) -> BalancedHeight:
@@ -189,11 +196,16 @@ def _quantities(compressed: CompressedBreast, settings: CompressionSettings) -> 
     }
 
 
+def _cautions(settings: CompressionSettings) -> tuple[str, ...]:
+    return (STIFFENS_TOO_MUCH,) if settings.spring_law == "exponential" else ()
+
+
 SPRINGS = MechanicalModel(
     compress_springs,
     method=lambda settings: f"springs, {settings.solver}",
     where_it_stopped=_where_it_stopped,
     quantities=_quantities,
+    cautions=_cautions,
     own_keys=("spring_law", "gravity", "chest_wall_mm", "plates_voxel"),
     chest_walls=("fixed",),
     bytes_per_node=BYTES_PER_NODE,

@@ -47,16 +47,36 @@ def leave_uncompressed(
     paddle = _first(settings.paddle_z_mm, held.paddle_z_mm, high[2])
     history = np.zeros(0, [("iteration", np.int32)])
     edge = _first(settings.plate_edge_mm, held.edge_mm, low[0])
-    notes: tuple[str, ...] = ()
-    if held.view is None and held.paddle_z_mm is not None:
-        notes = (
-            f"{view.folder}: the phantom holds plates, but phantom.compressed_for was left out: "
-            f"they were taken for those of {view.name}",
-        )
     return CompressedBreast(
         breast, view, "none", field, support, paddle, edge, True,
-        {"force_n": 0.0, "error_voxel": 0.0}, history, notes,
+        {"force_n": 0.0, "error_voxel": 0.0}, history, held_before(breast, view, compresses=False),
     )  # fmt: skip
+
+
+def held_before(breast: BreastPhantom, view: View, compresses: bool) -> tuple[str, ...]:
+    """What is doubtful about a view of a breast that was compressed before.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    view : View
+    compresses : bool
+        Whether the model compresses it again.
+    """
+    held, notes = breast.compressed, list[str]()
+    if held is None:
+        return ()
+    if held.view is None and held.paddle_z_mm is not None:
+        notes.append(
+            f"{view.folder}: the phantom holds plates, but phantom.compressed_for was left out: "
+            f"they were taken for those of {view.name}"
+        )
+    if compresses:
+        notes.append(
+            f"{view.folder}: the phantom was compressed before and is compressed once more; "
+            "compression.model: none leaves it as it is"
+        )
+    return tuple(notes)
 
 
 def refuse_moving(settings: CompressionSettings) -> None:

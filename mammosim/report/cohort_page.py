@@ -7,12 +7,14 @@ import io
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim.plausibility import patients_beyond
 from mammosim.report.contact_sheet import Thumbnails
 
 A_VIEW = (
@@ -32,8 +34,8 @@ A_LESION = (
 )
 """Numbers of a lesion in a view."""
 
-MOST_FAILURES = 200
-"""Failures that the page lists; the file has all."""
+MOST_LISTED = 200
+"""Warnings, and failures, that the page lists; their files have all."""
 
 _NO_LESION = ("nipple", "landmark")
 
@@ -70,6 +72,13 @@ img{width:100%} p.quiet{color:#57606a}
 <th>smallest<th>median<th>largest</tr>
 {% for row in rows %}<tr>{% for cell in row %}<td>{{ cell|e }}{% endfor %}</tr>
 {% endfor %}</table>
+{% if warnings %}<h2>Warnings</h2><table><tr><th>plausibility limit<th>patients</tr>
+{% for name, count in warned.items() %}<tr><td>{{ name|e }}<td>{{ count }}</tr>
+{% endfor %}</table>
+<table><tr><th>patient<th style="text-align:left">warning</tr>
+{% for index, text in warnings[:most] %}<tr><td>{{ index }}<td class="text">{{ text|e }}</tr>
+{% endfor %}</table>{% if warnings|length > most %}<p class="quiet">The first {{ most }} of
+{{ warnings|length }}; warnings.csv has all.</p>{% endif %}{% endif %}
 {% if failures %}<h2>Failures</h2><table><tr><th>patient<th style="text-align:left">reason</tr>
 {% for index, reason in failures[:most] %}<tr><td>{{ index }}<td class="text">{{ reason|e }}</tr>
 {% endfor %}</table>{% if failures|length > most %}<p class="quiet">The first {{ most }} of
@@ -86,6 +95,7 @@ def render_cohort(
     drawn: Mapping[str, Sequence[Any]],
     failures: Sequence[tuple[int, str]],
     sheet: Sequence[Thumbnails] = (),
+    warnings: Mapping[int, Sequence[str]] = MappingProxyType({}),
 ) -> str:
     """Make the page, self-contained.
 
@@ -101,6 +111,8 @@ def render_cohort(
         Number and reason of each patient that failed.
     sheet : sequence of Thumbnails
         Pictures to show.
+    warnings : mapping of int to sequence of str
+        Warnings of each patient that is there.
 
     Returns
     -------
@@ -132,8 +144,9 @@ def render_cohort(
         shown.append((heading, plots))
     return _PAGE.render(
         title=title, patients=first_of_patient.size, pictures=first_of_view.size,
-        lesions=int(lesion.sum()), groups=shown, rows=rows, failures=failures, most=MOST_FAILURES,
-        sheet=sheet,
+        lesions=int(lesion.sum()), groups=shown, rows=rows, failures=failures, most=MOST_LISTED,
+        sheet=sheet, warned=patients_beyond(warnings),
+        warnings=[(index, text) for index, found in warnings.items() for text in found],
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from mammosim.compression import (
     CompressionSettings,
     check_plates,
     compress,
+    held_before,
     held_tissue,
     plate_edge_mm,
 )
@@ -35,8 +36,13 @@ COARSE_VOXEL_MM = 4.0
 """Voxel of a generated breast whose outline alone is wanted, mm: it takes a second."""
 
 
-def check_before(config: RunConfig) -> None:
+def check_before(config: RunConfig) -> tuple[str, ...]:
     """Refuse what can be known to be impossible without computing anything.
+
+    Returns
+    -------
+    tuple of str
+        What is doubtful about the phantom and how its views hold it, one sentence each.
 
     Raises
     ------
@@ -44,11 +50,17 @@ def check_before(config: RunConfig) -> None:
         With one line a mistake.
     """
     check_settings(config)
+    found: list[str] = []
     for one in config.sides:
         breast, slack_mm = _outlined_phantom(one)
         check_compression(one, breast, slack_mm)
         check_detectors(one, breast)
         _check_shadows(one, breast)
+        found += breast.notes if one.phantom.generate is None else ()
+        for view in one.resolved_views:
+            compresses = MODELS[view.compression.model].compresses
+            found += held_before(breast, view.position(breast.laterality), compresses)
+    return tuple(dict.fromkeys(found))
 
 
 def check_settings(config: RunConfig) -> None:

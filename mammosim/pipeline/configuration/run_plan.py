@@ -8,6 +8,7 @@ from mammosim.compression import MODELS, CompressionSettings
 from mammosim.errors import InputError
 from mammosim.phantom import PhantomSettings, address_bytes, expected_voxels
 from mammosim.pipeline.configuration.run_config import RunConfig
+from mammosim.plausibility import doubts
 
 # Bytes and seconds below were measured with benchmarks/pipeline.py (see benchmarks/RESULTS.md) on
 # as many cores; the estimates are rounded up and only meant to tell minutes from hours.
@@ -45,11 +46,15 @@ SECONDS_A_PIXEL = 2.5e-6
 
 @dataclass(frozen=True)
 class Plan:
-    """The stages of a run in words, and its estimated needs on `PLANNED_CORES` cores."""
+    """The stages of a run in words, and its estimated needs on `PLANNED_CORES` cores.
+
+    `warnings` are what the settings alone make doubtful, one sentence each.
+    """
 
     lines: tuple[str, ...]
     memory_gb: float
     minutes: float
+    warnings: tuple[str, ...] = ()
 
 
 def make_plan(config: RunConfig) -> Plan:
@@ -70,7 +75,8 @@ def make_plan(config: RunConfig) -> Plan:
     memory += max(side.view_bytes for side in sides) * sum(side.views for side in sides)
     memory += max(side.mask_bytes for side in sides)
     seconds = START_S + sum(side.seconds for side in sides)
-    return Plan(tuple(lines), memory / 1e9, seconds / 60.0)
+    warnings = dict.fromkeys(text for one in config.sides for text in _warnings(one))
+    return Plan(tuple(lines), memory / 1e9, seconds / 60.0, tuple(warnings))
 
 
 @dataclass(frozen=True)
@@ -115,6 +121,21 @@ def _plan_side(config: RunConfig) -> _SidePlan:
             line += f", from {count} tube positions over {sweep.angle_range_deg:g} degrees"
         lines.append(line)
     return _SidePlan(tuple(lines), voxels, len(config.resolved_views), largest, masks, seconds)
+
+
+def _warnings(config: RunConfig) -> list[str]:
+    """What the settings alone make doubtful, by the table of limits and by each model."""
+    found: list[str] = []
+    for view in config.resolved_views:
+        compression = view.compression
+        found += MODELS[compression.model].cautions(compression)
+        given = {
+            "compressed_thickness_mm": compression.thickness_mm,
+            "tube_load_mas": view.acquisition.mas,
+        }
+        known = {name: value for name, value in given.items() if value is not None}
+        found += [f"{view.label}: {doubt}" for doubt in doubts(known)]
+    return found
 
 
 def check_memory_limit(plan: Plan) -> None:
