@@ -1,6 +1,7 @@
 """Bad input, systematically: configurations, cohorts, phantom files and run folders with faults.
 
-    python benchmarks/fuzz.py [--configurations 100000] [--files 10000] [--seed 1]
+    python benchmarks/fuzz.py [--configurations 100000] [--files 10000] [--runs 300]
+        [--seed 1]
 
 Every input is a sound one with a few things changed. Each must be used, or refused with an
 `InputError` whose lines say something. Counted as failures: any other exception, more than
@@ -42,7 +43,7 @@ from mammosim.acquisition.spectrum import make_beam
 from mammosim.cohort import cohort_status, load_cohort, plan_cohort
 from mammosim.compression import compress
 from mammosim.config import read_yaml
-from mammosim.errors import InputError
+from mammosim.errors import InputError, NotConverged
 from mammosim.phantom import make_phantom, read_phantom
 from mammosim.pipeline import (
     RunConfig,
@@ -54,6 +55,7 @@ from mammosim.pipeline import (
     load_config,
     locate_in_run,
     make_plan,
+    simulate,
 )
 from mammosim.tissues import load_label_map
 
@@ -91,6 +93,9 @@ TEXTS = [
     "@",
 ]  # fmt: skip
 
+EXTREME_SECTIONS = ("compression", "projection", "acquisition", "targets")
+"""Sections whose numbers are taken to their ends in whole runs."""
+
 SANDBOX = Path(tempfile.mkdtemp()).resolve()
 strangers: list[str] = []
 """What was done that no input may do."""
@@ -105,6 +110,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--configurations", type=int, default=100_000)
     parser.add_argument("--files", type=int, default=10_000)
+    parser.add_argument("--runs", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
     wanted = parser.parse_args()
     rng = random.Random(wanted.seed)
@@ -119,6 +125,7 @@ def main() -> None:
         values = (try_values, try_cohort, try_change, try_bomb, try_values)
         kinds = {
             "configurations": (*values, try_text),
+            "runs": (try_extremes,),
             "files": (
                 try_phantom,
                 try_phantom,
@@ -130,7 +137,11 @@ def main() -> None:
                 try_no_file,
             ),
         }
-        for kind, count in (("configurations", wanted.configurations), ("files", wanted.files)):
+        for kind, count in (
+            ("configurations", wanted.configurations),
+            ("files", wanted.files),
+            ("runs", wanted.runs),
+        ):
             start, counts = time.monotonic(), collections.Counter[str]()
             for number in range(count):
                 trial = kinds[kind][number % len(kinds[kind])]
@@ -242,6 +253,68 @@ def try_cohort(sound: Sound, rng: random.Random) -> int:
     if rng.random() < 0.01:
         plan_cohort(cohort)
     return 0
+
+
+def try_extremes(sound: Sound, rng: random.Random) -> int:
+    """A whole run with numbers from the ends of what the schema allows.
+
+    It may be refused, or end unconverged; what it returns as done must be numbers.
+    """
+    values = read_yaml(sound.config)
+    values["acquisition"] = {"scatter": {"model": rng.choice(("kernels", "none"))}}
+    if rng.random() < 0.3:
+        values["compression"].update(model="hyperelastic", resolution_mm=6)
+    places = [place for place in _numbers(sound.schema) if place[0][0] in EXTREME_SECTIONS]
+    for path, low, high in rng.sample(places, rng.choice((1, 1, 2, 4))):
+        block = values
+        for key in path[:-1]:
+            block = block.setdefault(key, {})
+            if not isinstance(block, dict):
+                break
+        else:
+            near = rng.random() ** 3
+            value = rng.choice((low, high, low + near * (high - low), high - near * (high - low)))
+            block[path[-1]] = round(value) if isinstance(low, int) else value
+    compression = values["compression"]
+    if {"force_n", "support_z_mm", "paddle_z_mm", "plates_voxel"} & set(compression):
+        compression.pop("thickness_mm", None)
+    config = config_of(values, sound.config.parent, "fuzz.yaml")
+    check_settings(config)
+    plan = make_plan(config)
+    if plan.memory_gb > 3.0 or plan.minutes > 3.0:
+        return 0
+    try:
+        study = simulate(config)
+    except NotConverged:
+        return 0
+    for row in study.targets:
+        found = (row.shift_mm, row.x_mm, row.compressed_x_mm)
+        if not np.isfinite(found).all():
+            raise ValueError(f"target {row.name}: {found} for {values}")
+    for view in study.views.values():
+        image = view.mammogram
+        if not np.isfinite((image.mas, image.dose_mgy, image.kvp)).all():
+            raise ValueError(f"technique is no number for {values}")
+    return 0
+
+
+def _numbers(schema: dict[str, Any]) -> list[tuple[tuple[str, ...], float, float]]:
+    """Path, smallest and largest value of every number of a run's sections."""
+    found = []
+
+    def walk(block: dict[str, Any], path: tuple[str, ...]) -> None:
+        for one in (block, *block.get("anyOf", ())):
+            if "$ref" in one and len(path) < 4:
+                walk(schema["$defs"][one["$ref"].rpartition("/")[2]], path)
+            low = one.get("minimum", one.get("exclusiveMinimum"))
+            if low is not None and "maximum" in one:
+                low = low if "minimum" in one else type(low)(low + 1e-6)
+                found.append((path, low, one["maximum"]))
+            for key, value in one.get("properties", {}).items():
+                walk(value, (*path, key))
+
+    walk(schema, ())
+    return found
 
 
 def try_change(sound: Sound, rng: random.Random) -> int:

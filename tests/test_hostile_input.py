@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from itertools import pairwise
@@ -22,6 +23,7 @@ from mammosim.pipeline import (
     load_config,
     locate_in_run,
     read_record,
+    title_of,
 )
 from mammosim.tissues import composition, load_label_map
 
@@ -349,3 +351,21 @@ def test_spectra_that_nothing_comes_of(line, tmp_path):
     path.write_text(f"1 0\n{line}\n" if not line.startswith("1 ") else f"{line}\n1.2 0\n")
     with pytest.raises(InputError, match=r"s\.txt"):
         make_beam("W", "Rh", spectrum_file=str(path))
+
+
+@pytest.mark.parametrize(
+    "title",
+    ["../../elsewhere", "/tmp/elsewhere", "..", "", "a/b", "a\\b", "a\x1b[2J", 7, None, "é" * 200],
+)
+def test_a_record_does_not_say_where_files_are_written(title, tmp_path):
+    (tmp_path / "run.json").write_text(json.dumps({"title": title}))
+    assert title_of(tmp_path / "run.json") == "run"
+    values = {"cohort": {"patients": 1}, "phantom": {"generate": {}}}
+    record = {"title": title, "folder": str(tmp_path), "cohort_of": values}
+    (tmp_path / "cohort.json").write_text(json.dumps(record))
+    assert load_cohort(tmp_path / "cohort.json").title == "cohort"
+
+
+def test_the_title_of_a_record_is_kept_where_it_is_a_name(tmp_path):
+    (tmp_path / "run.json").write_text(json.dumps({"title": "Müller 2, left"}))
+    assert title_of(tmp_path / "run.json") == "Müller 2, left"

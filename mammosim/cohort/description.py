@@ -23,7 +23,7 @@ from mammosim.cohort.distributions import (
 )
 from mammosim.cohort.distributions import Path as KeyPath
 from mammosim.cohort.settings import MOST_PATIENTS, CohortSettings
-from mammosim.config import open_file, read_yaml, to_settings, user_path
+from mammosim.config import folder_name, open_file, read_yaml, to_settings, user_path
 from mammosim.errors import InputError
 from mammosim.pipeline import RunConfig, apply_change, config_of
 
@@ -145,8 +145,8 @@ def _read(path: Path) -> tuple[dict[str, Any], Path, str]:
     values = read_yaml(path)
     if isinstance(values, dict) and {"cohort_of", "folder", "title"} <= values.keys():
         folder, title, values = values["folder"], values["title"], values["cohort_of"]
-        if isinstance(values, dict) and isinstance(folder, str) and isinstance(title, str):
-            return values, Path(folder), title
+        if isinstance(values, dict) and isinstance(folder, str):
+            return values, Path(folder), folder_name(title, path.stem)
         values = None
     if not isinstance(values, dict):
         raise InputError(f"{path}: expected a mapping with the sections 'cohort' and 'phantom'")

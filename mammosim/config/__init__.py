@@ -8,6 +8,7 @@ from mammosim.config.quantities import (
     Coordinate,
     Name,
     Position,
+    folder_name,
 )
 from mammosim.config.settings import Settings
 from mammosim.config.validate import as_plain, settings_in, to_settings
@@ -22,6 +23,7 @@ __all__ = [
     "Settings",
     "as_plain",
     "documents_keys",
+    "folder_name",
     "given_settings",
     "open_file",
     "parse_value",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from pathlib import PurePath
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
@@ -15,6 +16,9 @@ MAX_LENGTH_MM = 1e3
 
 MAX_FORCE_N = 2e3
 """Of a paddle: ten times the most that screening units press with (assumed)."""
+
+MAX_FOLDER_NAME = 255
+"""Bytes of a folder's name, as Linux, macOS and Windows allow."""
 
 UNSEEN = ("Cc", "Cf", "Cs", "Zl", "Zp")
 """Unicode's categories of control and formatting characters, surrogates and line ends."""
@@ -29,6 +33,29 @@ def _visible(name: str) -> str:
     if not name.strip():
         raise ValueError("expected a name, not blanks alone")
     return name
+
+
+def folder_name(given: object, otherwise: str) -> str:
+    """A title that a record gives, if it can be the name of a folder as it is; else another one.
+
+    A record may come from anywhere, and must not say where files are written.
+
+    Parameters
+    ----------
+    given : object
+        What the record holds.
+    otherwise : str
+
+    Examples
+    --------
+    >>> folder_name("mine", "run"), folder_name("../mine", "run"), folder_name("/tmp", "run")
+    ('mine', 'run', 'run')
+    """
+    if not isinstance(given, str) or given in ("", ".", "..") or PurePath(given).name != given:
+        return otherwise
+    if "\\" in given or any(unicodedata.category(letter) in UNSEEN for letter in given):
+        return otherwise
+    return given if len(given.encode()) <= MAX_FOLDER_NAME else otherwise
 
 
 Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE_MM, le=MAX_COORDINATE_MM)]

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from mammosim.config import read_text
+from mammosim.config import folder_name, read_text
 from mammosim.errors import InputError
 from mammosim.export import PART_PREFIX
 from mammosim.pipeline.configuration import RunConfig
@@ -48,7 +48,7 @@ def title_of(path: Path) -> str:
     """What a run of this configuration is called: as before, if it is a run's record."""
     if path.suffix == ".json":
         title = read_record(path.parent).get("title") if path.name == "run.json" else None
-        return title if isinstance(title, str) else path.stem
+        return folder_name(title, path.stem)
     return path.stem
 
 
