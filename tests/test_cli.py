@@ -46,6 +46,7 @@ def test_a_run_leaves_every_file_of_the_contract(finished):
         "labels.json", "labels.ctbl",
     }  # fmt: skip
     expected = {"run.json", "config.yaml", "lesions.csv", "view_rules.csv", "report.html"}
+    expected |= {"uncompressed.nii.gz", "labels.json", "labels.ctbl"}
     expected |= {f"{name}/{file}" for name in ("LCC", "LMLO") for file in view}
     assert found == expected
 

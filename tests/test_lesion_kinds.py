@@ -41,7 +41,8 @@ def test_a_lesion_of_every_kind_is_inserted_and_has_a_channel_of_its_own(kind):
     assert lesion.fill == pytest.approx(min(1.0, lesion.volume_mm3 / len(voxels)))
     reach = np.linalg.norm(voxels - 20.0, axis=1).max()
     # Half a voxel's diagonal more: its centre may lie that far from what touches it.
-    assert reach <= 0.5 * LesionSettings(name="a", kind=kind).size_mm + 0.9
+    form = LESION_KINDS[kind].form(LesionSettings(name="a", kind=kind))
+    assert reach <= 0.5 * form.diameter_mm + 0.9
     paths = project(unsqueezed(made, spacing_mm=8.0), pixel_mm=1.0)
     channel = paths.lesion_labels.index(lesion.label)
     assert paths.materials[channel] == TISSUES[lesion.tissue].material

@@ -12,6 +12,7 @@ from mammosim.export.matlab import write_matlab
 from mammosim.export.measurements import write_measurements
 from mammosim.export.path_lengths import load_path_lengths, write_path_lengths
 from mammosim.export.patient_settings import PatientSettings, age_problems
+from mammosim.export.phantom_files import write_phantom
 from mammosim.export.pictures import (
     write_density_tiff,
     write_glandular_tiff,
@@ -87,6 +88,7 @@ __all__ = [
     "write_matlab",
     "write_measurements",
     "write_path_lengths",
+    "write_phantom",
     "write_preview",
     "write_segmentation",
     "write_series",

@@ -10,7 +10,8 @@ from mammosim.phantom.label_table import (
     table_values,
 )
 from mammosim.phantom.lesion_kinds import LESION_KINDS, LesionForm, LesionKind
-from mammosim.phantom.lesions import insert_lesions
+from mammosim.phantom.lesion_shapes import shape_files
+from mammosim.phantom.lesions import check_shapes, insert_lesions
 from mammosim.phantom.make import make_phantom
 from mammosim.phantom.memory import address_bytes, available_bytes
 from mammosim.phantom.open_end import as_held, leaves_picture, without_open_end
@@ -49,6 +50,7 @@ __all__ = [
     "as_held",
     "available_bytes",
     "box_text",
+    "check_shapes",
     "count_values",
     "expected_voxels",
     "generate_phantom",
@@ -59,6 +61,7 @@ __all__ = [
     "phantom_summary",
     "read_phantom",
     "read_volume",
+    "shape_files",
     "table_values",
     "tissue_at",
     "translated",

@@ -32,13 +32,26 @@ class LesionKeys(TypedDict, total=False):
 
     diameter_mm: float | None
     """Diameter of the mass or cluster, or length of the clip, mm; left out, 10, 10 and 3, and 25
-    along an artery."""
+    along an artery, or the size of the lesion's file."""
 
     position_mm: Sequence[float] | None
     """Centre in the breast frame, mm; left out, a place where such lesions occur is drawn."""
 
     laterality: Literal["L", "R"] | None
     """Breast that it is in, where both are imaged; left out, the first of `laterality`."""
+
+    file: str | None
+    """Shape of the lesion: a voxel file whose values other than 0 are lesion (or, as numbers from 0
+    to 1, the part of each voxel that is), or a closed surface in mm (STL, OBJ, PLY, OFF); relative
+    to the configuration's folder. Its axes are those of the breast frame. Scaled where
+    `diameter_mm` is given, the diameter of the ball around it."""
+
+    voxel_mm: float | None
+    """Edge of the voxels of that file, mm; left out, what the file says."""
+
+    rotation_deg: Sequence[float] | None
+    """Turns of that shape about the axes x, then y, then z of the breast frame, right-handed,
+    degrees; left out, none."""
 
     margin: Literal["smooth", "lobulated", "spiculated", "distortion"]
     """Outline of a mass; `distortion` is architectural distortion, spicules without a mass.

@@ -10,13 +10,42 @@ from numpy.typing import NDArray
 
 from mammosim.errors import InputError
 from mammosim.phantom.breast import BreastPhantom, Lesion
-from mammosim.phantom.lesion_kinds import LESION_KINDS, Site, distance_mm, window_around
+from mammosim.phantom.lesion_kinds import (
+    LESION_KINDS,
+    LesionForm,
+    Site,
+    distance_mm,
+    window_around,
+)
 from mammosim.phantom.lesion_pieces import bounding_box
+from mammosim.phantom.lesion_shapes import paint_shape, read_shape
 from mammosim.phantom.place import box_text, draw_place, tissue_at
 from mammosim.phantom.settings import LesionSettings
 from mammosim.tissues import LESION_LABELS
 
 Taken = list[tuple[NDArray[np.float64], float]]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PlannedLesion:
+    """A lesion with its form and size, of its kind or of its file.
+
+    Parameters
+    ----------
+    settings : LesionSettings
+    form : LesionForm
+    size_mm : float
+        Diameter of the ball around it, mm.
+    """
+
+    settings: LesionSettings
+    form: LesionForm
+    size_mm: float
+
+    @property
+    def name(self) -> str:
+        """Name of the lesion."""
+        return self.settings.name
 
 
 def insert_lesions(
@@ -47,6 +76,8 @@ def insert_lesions(
         return breast
     free = [label for label in LESION_LABELS if label not in {le.label for le in breast.lesions}]
     problems = _name_problems(breast, lesions)
+    planned, shape_problems = _planned(lesions)
+    problems += shape_problems
     if len(lesions) > len(free):
         problems.append(
             f"phantom.lesions: found {len(lesions)}, at most {len(free)} can be told apart"
@@ -54,10 +85,10 @@ def insert_lesions(
     if problems:
         raise InputError(problems)
     taken = [_ball_around(breast, lesion) for lesion in breast.lesions]
-    centres = _centres(breast, lesions, taken, rng)
+    centres = _centres(breast, planned, taken, rng)
     labels, made = breast.labels.copy(), list(breast.lesions)
     own = rng.spawn(len(lesions))
-    for entry, centre, label, lesion_rng in zip(lesions, centres, free, own, strict=False):
+    for entry, centre, label, lesion_rng in zip(planned, centres, free, own, strict=False):
         made.append(_painted(breast, labels, entry, centre, label, lesion_rng))
     tissue_of_label = dict(breast.tissue_of_label)
     tissue_of_label.update({lesion.label: lesion.tissue for lesion in made})
@@ -66,25 +97,64 @@ def insert_lesions(
     )
 
 
+def check_shapes(lesions: Sequence[LesionSettings]) -> None:
+    """Refuse lesions whose file cannot be used.
+
+    Raises
+    ------
+    InputError
+        With one line a lesion.
+    """
+    problems = _planned(lesions)[1]
+    if problems:
+        raise InputError(problems)
+
+
+def _planned(lesions: Sequence[LesionSettings]) -> tuple[list[PlannedLesion], list[str]]:
+    """Each lesion with its form, and what is wrong with their files."""
+    planned, problems = [], []
+    for number, entry in enumerate(lesions):
+        try:
+            planned.append(_plan(entry))
+        except InputError as error:
+            problems += [f"phantom.lesions.{number}.file: {line}" for line in error.problems]
+    return planned, problems
+
+
+def _plan(entry: LesionSettings) -> PlannedLesion:
+    form = LESION_KINDS[entry.kind].form(entry)
+    if entry.file is None:
+        return PlannedLesion(entry, form, entry.diameter_mm or form.diameter_mm)
+    shape = read_shape(entry.file, entry.voxel_mm)
+    turns = entry.rotation_deg or (0.0, 0.0, 0.0)
+
+    def paint(site: Site, keys: LesionSettings, rng: np.random.Generator) -> float:
+        return paint_shape(site, shape, turns)
+
+    form = dataclasses.replace(form, diameter_mm=2.0 * shape.radius_mm, paint=paint, room_mm=None)
+    return PlannedLesion(entry, form, entry.diameter_mm or form.diameter_mm)
+
+
 def _painted(
     breast: BreastPhantom,
     labels: NDArray[np.uint8],
-    entry: LesionSettings,
+    entry: PlannedLesion,
     centre_mm: NDArray[np.float64],
     label: int,
     rng: np.random.Generator,
 ) -> Lesion:
     """Label a lesion's voxels, in place, and describe it from the voxels that it got."""
     site = Site(breast, labels, entry.name, centre_mm, 0.5 * entry.size_mm, label)
-    true_mm3 = entry.form.paint(site, entry, rng)
+    true_mm3 = entry.form.paint(site, entry.settings, rng)
     corner, window = window_around(breast, centre_mm, site.radius_mm + 2.0, labels)
     index = np.argwhere(window == label)
     painted_mm3 = len(index) * float(np.prod(breast.voxel_mm))
     position = breast.frame.position_mm(corner + index.mean(axis=0))
     volume = painted_mm3 if true_mm3 is None else true_mm3
     fill = 1.0 if true_mm3 is None else min(1.0, true_mm3 / painted_mm3)
-    tissue = LESION_KINDS[entry.kind].tissue
-    return Lesion(entry.name, entry.kind, label, tissue, position, min(volume, painted_mm3), fill)
+    kind = entry.settings.kind
+    tissue = LESION_KINDS[kind].tissue
+    return Lesion(entry.name, kind, label, tissue, position, min(volume, painted_mm3), fill)
 
 
 def _name_problems(breast: BreastPhantom, lesions: Sequence[LesionSettings]) -> list[str]:
@@ -106,7 +176,7 @@ def _ball_around(breast: BreastPhantom, lesion: Lesion) -> tuple[NDArray[np.floa
 
 def _centres(
     breast: BreastPhantom,
-    lesions: Sequence[LesionSettings],
+    lesions: Sequence[PlannedLesion],
     taken: Taken,
     rng: np.random.Generator,
 ) -> list[NDArray[np.float64]]:
@@ -115,15 +185,15 @@ def _centres(
     names = [lesion.name for lesion in breast.lesions]
     centres: dict[int, NDArray[np.float64]] = {}
     for number, entry in enumerate(lesions):
-        if entry.position_mm is None:
+        if entry.settings.position_mm is None:
             continue
-        centre, radius = np.array(entry.position_mm), 0.5 * entry.size_mm
+        centre, radius = np.array(entry.settings.position_mm), 0.5 * entry.size_mm
         problems += _outside(breast, entry, centre, number)
         for other, (there, extent) in zip(names, taken, strict=True):
             if float(np.linalg.norm(there - centre)) < radius + extent:
                 problems.append(
                     f"phantom.lesions.{number}: '{entry.name}' ({entry.size_mm:g} mm at "
-                    f"{list(entry.position_mm)} mm) overlaps '{other}'"
+                    f"{list(entry.settings.position_mm)} mm) overlaps '{other}'"
                 )
         centres[number] = centre
         names.append(entry.name)
@@ -140,7 +210,7 @@ def _centres(
 
 
 def _outside(
-    breast: BreastPhantom, entry: LesionSettings, centre: NDArray[np.float64], number: int
+    breast: BreastPhantom, entry: PlannedLesion, centre: NDArray[np.float64], number: int
 ) -> list[str]:
     """What is wrong with a given position."""
     start = f"phantom.lesions.{number}: '{entry.name}' at {centre.tolist()} mm"

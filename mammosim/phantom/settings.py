@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, WithJsonSchema, field_validator, mod
 
 from mammosim.config import Name, Position, Settings
 from mammosim.phantom.anatomy import GenerateSettings
-from mammosim.phantom.lesion_kinds import LESION_KINDS, LesionForm, OwnKeys
+from mammosim.phantom.lesion_kinds import LESION_KINDS, OwnKeys
 from mammosim.phantom.lesion_pieces import MERGE_MM, MIN_VOLUME_MM3
 from mammosim.phantom.memory import MOST_REDUCED
 from mammosim.phantom.readers.axes import AXES_EXPECTED, are_axes
@@ -41,6 +41,8 @@ Kind = Annotated[
 Side = Literal["L", "R"]
 """A breast: the patient's left or right one."""
 
+Angle = Annotated[float, Field(ge=-360.0, le=360.0)]
+
 
 class _AnyLesion(Settings):
     """Keys of a lesion of any kind."""
@@ -53,13 +55,26 @@ class _AnyLesion(Settings):
 
     diameter_mm: float | None = Field(default=None, ge=0.05, le=100.0)
     """Diameter of the mass or cluster, or length of the clip, mm; left out, 10, 10 and 3, and 25
-    along an artery."""
+    along an artery, or the size of the lesion's file."""
 
     position_mm: Position | None = None
     """Centre in the breast frame, mm; left out, a place where such lesions occur is drawn."""
 
     laterality: Side | None = None
     """Breast that it is in, where both are imaged; left out, the first of `laterality`."""
+
+    file: str | None = None
+    """Shape of the lesion: a voxel file whose values other than 0 are lesion (or, as numbers from 0
+    to 1, the part of each voxel that is), or a closed surface in mm (STL, OBJ, PLY, OFF); relative
+    to the configuration's folder. Its axes are those of the breast frame. Scaled where
+    `diameter_mm` is given, the diameter of the ball around it."""
+
+    voxel_mm: float | None = Field(default=None, ge=1e-3, le=10.0)
+    """Edge of the voxels of that file, mm; left out, what the file says."""
+
+    rotation_deg: tuple[Angle, Angle, Angle] | None = None
+    """Turns of that shape about the axes x, then y, then z of the breast frame, right-handed,
+    degrees; left out, none."""
 
 
 class LesionSettings(OwnKeys, _AnyLesion):
@@ -78,15 +93,19 @@ class LesionSettings(OwnKeys, _AnyLesion):
             raise ValueError(f"{', '.join(foreign)} does not belong to kind '{self.kind}'")
         return self
 
-    @property
-    def form(self) -> LesionForm:
-        """How this lesion is made."""
-        return LESION_KINDS[self.kind].form(self)
-
-    @property
-    def size_mm(self) -> float:
-        """Diameter given, or the form's own, mm."""
-        return self.diameter_mm or self.form.diameter_mm
+    @model_validator(mode="after")
+    def _keys_of_a_file(self) -> Self:
+        if self.file is None:
+            keys = [key for key in ("voxel_mm", "rotation_deg") if getattr(self, key) is not None]
+            if keys:
+                raise ValueError(f"{', '.join(keys)} belongs to a lesion with a file")
+            return self
+        kind = LESION_KINDS[self.kind].keys
+        fields = {} if kind is None else kind.model_fields
+        drawn = [key for key, field in fields.items() if getattr(self, key) != field.default]
+        if drawn:
+            raise ValueError(f"{', '.join(drawn)} does not belong to a lesion with a file")
+        return self
 
 
 class LandmarkSettings(Settings):

@@ -10,7 +10,13 @@ from mammosim.phantom.lesion_kinds.kind import (
     LesionKind,
 )
 from mammosim.phantom.lesion_kinds.mass import MASS, MassKeys
-from mammosim.phantom.lesion_kinds.site import Site, distance_mm, paint_ball, window_around
+from mammosim.phantom.lesion_kinds.site import (
+    Site,
+    distance_mm,
+    nearest_voxel,
+    paint_ball,
+    window_around,
+)
 
 LESION_KINDS: dict[str, LesionKind] = {
     "mass": MASS,
@@ -40,6 +46,7 @@ __all__ = [
     "Site",
     "distance_mm",
     "lesion_tissues",
+    "nearest_voxel",
     "paint_ball",
     "window_around",
 ]

@@ -9,11 +9,15 @@ from mammosim.config import user_path
 from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.pipeline.configuration.view_settings import VIEW_SECTIONS
 
+EACH = "*"
+"""In a key path, every item of a list."""
+
 PATH_KEYS = (
     ("phantom", "file"),
     ("phantom", "file", "L"),
     ("phantom", "file", "R"),
     ("phantom", "labels"),
+    ("phantom", "lesions", EACH, "file"),
     ("acquisition", "spectrum_file"),
     ("acquisition", "composition"),
 )
@@ -48,13 +52,12 @@ def make_paths_absolute(values: dict[str, Any], folder: Path, origin: str) -> No
 def named_paths(values: dict[str, Any]) -> list[tuple[tuple[Any, ...], str]]:
     """Where a configuration's plain values name files, and the paths: in sections and in views."""
     found: list[tuple[tuple[Any, ...], Any]] = []
-    views = values.get("views")
-    for section, *keys in PATH_KEYS:
-        places: list[tuple[Any, ...]] = [(section,)]
-        if section in VIEW_SECTIONS and isinstance(views, list):
-            for number in range(len(views)):
-                places += [("views", number), ("views", number, section)]
-        found += [((*place, *keys), _inside(values, (*place, *keys))) for place in places]
+    for section, *rest in PATH_KEYS:
+        patterns: list[tuple[Any, ...]] = [(section, *rest)]
+        if section in VIEW_SECTIONS:
+            patterns += [("views", EACH, *rest), ("views", EACH, section, *rest)]
+        places = [place for pattern in patterns for place in _expanded(values, pattern)]
+        found += [(place, _inside(values, place)) for place in places]
     return [
         (where, value)
         for where, value in found
@@ -78,6 +81,17 @@ def without_paths(config: RunConfig) -> dict[str, Any]:
             block = block[key]
         block[where[-1]] = Path(value).name
     return values
+
+
+def _expanded(values: dict[str, Any], pattern: tuple[Any, ...]) -> list[tuple[Any, ...]]:
+    """Key paths that a pattern stands for, by the lists that there are."""
+    if EACH not in pattern:
+        return [pattern]
+    at = pattern.index(EACH)
+    items = _inside(values, pattern[:at])
+    count = len(items) if isinstance(items, list) else 0
+    paths = [(*pattern[:at], number, *pattern[at + 1 :]) for number in range(count)]
+    return [path for one in paths for path in _expanded(values, one)]
 
 
 def _inside(values: Any, where: tuple[Any, ...]) -> Any:

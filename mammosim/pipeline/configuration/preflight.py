@@ -17,7 +17,7 @@ from mammosim.compression import (
     plate_edge_mm,
 )
 from mammosim.errors import InputError, NotConverged
-from mammosim.phantom import BreastPhantom, PhantomSettings, box_text, make_phantom
+from mammosim.phantom import BreastPhantom, PhantomSettings, box_text, check_shapes, make_phantom
 from mammosim.pipeline.configuration.resolved_view import ResolvedView
 from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.projection import (
@@ -191,6 +191,7 @@ def _outlined_phantom(config: RunConfig) -> tuple[BreastPhantom, float]:
             phantom, config.first_side, config.seed, breast_number=config.breast_number
         )
         return breast, 0.0
+    check_shapes(phantom.lesions)
     coarse_mm = max(COARSE_VOXEL_MM, phantom.generate.voxel_mm)
     outline = PhantomSettings(generate=phantom.generate.model_copy(update={"voxel_mm": coarse_mm}))
     breast = make_phantom(outline, config.first_side, config.seed)

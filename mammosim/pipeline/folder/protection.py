@@ -13,7 +13,7 @@ from mammosim.pipeline.folder.lock import STAGES_FOLDER
 
 OWN_FILES = frozenset(
     {"config.yaml", "run.json", "report.html", "lesions.csv", "view_rules.csv", "biopsy.csv",
-     "uncertainty.csv", "uncompressed.nii.gz"}
+     "uncertainty.csv", "uncompressed.nii.gz", "labels.json", "labels.ctbl"}
 )  # fmt: skip
 """Files that a run writes at the top of its folder."""
 
@@ -91,7 +91,7 @@ def refuse_strangers(folder: Path, config: RunConfig) -> None:
 
 
 def _is_views(name: str, config: RunConfig) -> bool:
-    own = {f"{side}{view.label}" for side in "LR" for view in config.views}
+    own = {f"{side}{view.label}" for side in "LR" for view in config.views} | {"L", "R"}
     return name in own or VIEW_FOLDER.fullmatch(name) is not None
 
 

@@ -19,10 +19,12 @@ from mammosim.export import (
     write_images,
     write_json,
     write_lesions,
+    write_phantom,
     write_series,
     write_table,
     write_text,
 )
+from mammosim.phantom import BreastPhantom
 from mammosim.pipeline.configuration import RunConfig
 from mammosim.pipeline.folder.earlier_run import read_record, remove_earlier_run
 from mammosim.pipeline.folder.protection import (
@@ -89,8 +91,11 @@ class RunFolder:
         refuse_links(self.path)
         refuse_inputs_within(self.path, config)
         refuse_strangers(self.path, config)
-        self.stages = StageCache(self.path, (*inputs.labels, *inputs.voxels), reuse)
+        self.stages = StageCache(
+            self.path, (*inputs.labels, *inputs.voxels, *inputs.lesions), reuse
+        )
         self._begun: os.stat_result | None = None
+        self._sides_written: set[str] = set()
 
     def _begin(self) -> None:
         """Take the folder, once there is a result: a run that is refused before leaves nothing."""
@@ -100,6 +105,20 @@ class RunFolder:
         with whole_file(path) as part:
             write_yaml(self._config.plain(), part)
         self._begun = path.stat()
+
+    def write_phantom(self, breast: BreastPhantom) -> None:
+        """Write the uncompressed breast, once; one that was read between plates is not known.
+
+        Where both breasts are imaged, each has a folder, `L` and `R`.
+        """
+        if self._begun is None:
+            self._begin()
+        wanted = self._config.export.volumes and breast.compressed is None
+        if not wanted or breast.laterality in self._sides_written:
+            return
+        one_side = len(self._config.sides) == 1
+        write_phantom(breast, self.path if one_side else self.path / breast.laterality)
+        self._sides_written.add(breast.laterality)
 
     def write_compression(self, squeezed: CompressedBreast) -> None:
         """Write a view's compressed labels, displacement, history and measures."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mammosim._version import VERSION
-from mammosim.phantom import open_voxels
+from mammosim.phantom import open_voxels, shape_files
 from mammosim.pipeline.configuration import RunConfig, input_paths, without_paths
 from mammosim.report import file_hash, run_hash
 
@@ -18,6 +18,7 @@ class InputHashes:
     labels: tuple[str, ...]
     others: tuple[str, ...]
     voxels: tuple[str, ...]
+    lesions: tuple[str, ...]
 
     @classmethod
     def of(cls, config: RunConfig) -> InputHashes:
@@ -28,7 +29,10 @@ class InputHashes:
         others = [path for where, path in files if where[0] != "phantom"]
         phantoms = [str(one.phantom.file) for one in config.sides if one.phantom.file is not None]
         voxels = [path for phantom in phantoms for path in open_voxels(phantom).files]
-        hashes = [tuple(file_hash(path) for path in part) for part in (labels, others, voxels)]
+        shapes = [path for where, path in files if where[:2] == ("phantom", "lesions")]
+        lesions = [path for shape in shapes for path in shape_files(shape)]
+        parts = (labels, others, voxels, lesions)
+        hashes = [tuple(file_hash(path) for path in part) for part in parts]
         return cls(*hashes)
 
 
@@ -41,5 +45,5 @@ def _is_file(path: Path) -> bool:
 
 def hash_of(config: RunConfig, inputs: InputHashes) -> str:
     """Hash of everything that decides a run's result."""
-    files = (*inputs.labels, *inputs.others, *inputs.voxels)
+    files = (*inputs.labels, *inputs.others, *inputs.voxels, *inputs.lesions)
     return run_hash(without_paths(config), config.seed, VERSION, files)

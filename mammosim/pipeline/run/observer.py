@@ -197,16 +197,17 @@ class RunObserver:
             self.unfinished.append(error)
             compressed = error.reached
         except Interrupted as stop:
-            self._keep_compression(stop.reached)
+            self._keep_compression(stop.reached, breast)
             raise
-        self._keep_compression(compressed)
+        self._keep_compression(compressed, breast)
         return compressed
 
-    def _keep_compression(self, compressed: CompressedBreast) -> None:
+    def _keep_compression(self, compressed: CompressedBreast, breast: BreastPhantom) -> None:
         folder = compressed.view.folder
         self._views[folder] = ViewResult(compressed)
         if self._output is not None:
             with self._timing(folder, "volumes"):
+                self._output.write_phantom(breast)
                 self._output.write_compression(compressed)
 
     @contextmanager
