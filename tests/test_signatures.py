@@ -101,7 +101,7 @@ def chain():
         squeezed = mammosim.compress(breast, "CC", *args, **keys)
         args, keys = given(ProjectionSettings, pixel_mm=2.0)
         paths = mammosim.project(squeezed, *args, **keys)
-        args, keys = given(AcquisitionSettings, mas=44.0, kvp=27.0)
+        args, keys = given(AcquisitionSettings, mas=44.0, kvp=27.0, **FEW_PHOTONS)
         return mammosim.expose(paths, *args, seed=3, **keys)
 
     return calls
