@@ -52,7 +52,7 @@ def test_stiffening_of_the_thesis_listing(tissue, growth):
 @pytest.mark.parametrize("tissue", [name for name in TISSUES if name != "air"])
 def test_every_tissue_stiffens_and_has_a_density(tissue):
     assert 5.0 < stiffening(tissue) < 25.0
-    assert 0.9 < density_g_cm3(tissue) < 5.0
+    assert (0.2 if tissue == "lung" else 0.9) < density_g_cm3(tissue) < 5.0  # a lung holds air
 
 
 def test_unknown_set():

@@ -36,6 +36,8 @@ BEAM_MATERIALS: MappingProxyType[str, Material] = MappingProxyType(
             _beam_material("Mo", 10.22, {"Mo": 100.0}, "element"),
             _beam_material("Rh", 12.41, {"Rh": 100.0}, "element"),
             _beam_material("Ag", 10.50, {"Ag": 100.0}, "element"),
+            _beam_material("Ti", 4.54, {"Ti": 100.0}, "element"),
+            _beam_material("Cu", 8.96, {"Cu": 100.0}, "element"),
             _beam_material(
                 "air",
                 1.205e-3,

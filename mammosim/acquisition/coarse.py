@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from mammosim.acquisition.blocks import block_mean, cell_pixels
 from mammosim.projection import PathLengths
-from mammosim.tissues import Material
+from mammosim.tissues import FOREIGN_MATERIALS, Material
 
 CELL_MM = 2.0  # scatter decays over 3 mm and more
-NOT_BREAST = ("muscle",)
-NOT_PARENCHYMA = ("muscle", "skin", "titanium")
+NOT_BREAST = ("muscle", *FOREIGN_MATERIALS)
+NOT_PARENCHYMA = (*NOT_BREAST, "skin")
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,8 @@ class CoarsePaths:
     inside : ndarray of bool, [row, column]
         Cells with tissue through more than half of the gap between the plates.
     density_percent : float
-        Volume of gland over that of all tissue but muscle, per cent; NaN without breast.
+        Volume of gland over that of all tissue but muscle and what is foreign to the breast, per
+        cent; NaN without breast.
     glandularity_percent : float
         Mass of all but fat over the mass inside the skin, muscle left out, per cent; that is the
         glandularity of dose tables.

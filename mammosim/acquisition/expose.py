@@ -11,19 +11,26 @@ from numpy.typing import NDArray
 from mammosim._jit import one_blas_thread
 from mammosim.acquisition._kernels import log_attenuation_kernel
 from mammosim.acquisition.coarse import CoarsePaths
+from mammosim.acquisition.contrast import (
+    high_energy_mas,
+    high_energy_settings,
+    primary_attenuation,
+    recombine,
+)
 from mammosim.acquisition.dose import DoseFactors, dose_factors
 from mammosim.acquisition.exposure_limits import WHITE, judged
 from mammosim.acquisition.fat_level import fat_attenuation
 from mammosim.acquisition.keys import AcquisitionKeys
-from mammosim.acquisition.mammogram import Dose, GlandularDose, Mammogram
+from mammosim.acquisition.mammogram import ContrastPair, Dose, GlandularDose, Mammogram
 from mammosim.acquisition.presentation import present
 from mammosim.acquisition.recording import Arrival, Exposure, arrive, record
-from mammosim.acquisition.settings import AcquisitionSettings
+from mammosim.acquisition.settings import AcquisitionSettings, ContrastSettings
 from mammosim.acquisition.signal import rays_of
 from mammosim.compression import CompressedBreast
 from mammosim.config import documents_keys, given_settings
 from mammosim.projection import PathLengths
 
+IMPLANTS = frozenset({"silicone", "saline"})  # materials of implants
 COUNTS_PER_KEV_MM2 = 3.0e-5  # puts what exposure control aims at near 255 of 16383
 CLEAR_OF_WHITE = 1.05  # room for noise above the brightest pixel of air
 
@@ -82,7 +89,50 @@ def expose(
     signal, exposure = record(arrival, arrival.controlled_mas(), rng)
     pixel_mm2 = paths.pixel_mm**2
     gain = counts_per_kev_mm2(exposure.air_signal / pixel_mm2) / pixel_mm2
-    return judged(mammogram_of(arrival, exposure, signal, gain), arrival, wanted_mas)
+    attenuation = None
+    if settings.contrast is not None:
+        attenuation = primary_attenuation(arrival, signal, exposure)
+    image = mammogram_of(arrival, exposure, signal, gain)
+    if settings.contrast is not None and attenuation is not None:
+        pair, notes = _contrast_pair(arrival, image, attenuation, settings.contrast, breast, seed)
+        image = replace(
+            image, contrast=pair, notes=(*image.notes, *notes),
+            measures={**image.measures, **_contrast(pair)},
+        )  # fmt: skip
+    return judged(image, arrival, wanted_mas)
+
+
+def _contrast_pair(
+    low: Arrival,
+    image: Mammogram,
+    attenuation: NDArray[np.float32],
+    agent: ContrastSettings,
+    breast: CompressedBreast | None,
+    seed: int,
+) -> tuple[ContrastPair, list[str]]:
+    """The high-energy exposure, the image of iodine, and what is doubtful about the former."""
+    settings = high_energy_settings(low.settings, agent, 1.0)
+    high = arrive(low.paths, settings, breast, seed=seed)
+    mas = high_energy_mas(agent, image.dose_mgy, dose_of(high, 1.0)[0].mgd_mgy)
+    high = replace(high, settings=high_energy_settings(low.settings, agent, mas))
+    rng = np.random.Generator(np.random.Philox(seed).jumped())
+    signal, exposure = record(high, mas, rng)
+    pixel_mm2 = low.paths.pixel_mm**2
+    gain = counts_per_kev_mm2(exposure.air_signal / pixel_mm2) / pixel_mm2
+    iodine = recombine(low, high, attenuation, primary_attenuation(high, signal, exposure))
+    exposed = judged(mammogram_of(high, exposure, signal, gain), high, mas)
+    new = [f"high energy: {note}" for note in exposed.notes if note not in image.notes]
+    return ContrastPair(exposed, iodine), new
+
+
+def _contrast(pair: ContrastPair) -> dict[str, float]:
+    """Technique of the high-energy exposure, and of the recombination."""
+    return {
+        "high_energy_kvp": pair.high_energy.kvp,
+        "high_energy_mas": pair.high_energy.mas,
+        "high_energy_dose_mgy": pair.high_energy.dose_mgy,
+        "recombination_weight": pair.iodine.weight,
+    }
 
 
 def mammogram_of(
@@ -137,6 +187,7 @@ def mammogram_of(
         cell_px=coarse.cell,
         scatter_model=arrival.scatter.model or settings.scatter_model,
         dose=dose,
+        implant=not IMPLANTS.isdisjoint(paths.materials),
     )
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from mammosim.acquisition.attenuation import attenuation_per_mm
+from mammosim.acquisition.contrast_agent import materials_of
 from mammosim.acquisition.grid_parts import primary_part
 from mammosim.acquisition.recording import Arrival
-from mammosim.tissues import composition
 
 SKIN_MM = 2.9
 """Skin on both faces together; it is 1.45 mm thick on average (Huang et al. 2008, Med Phys
@@ -33,7 +33,7 @@ def fat_attenuation(arrival: Arrival) -> float:
     which raises the result by a few hundredths at most.
     """
     settings, unit = arrival.settings, arrival.unit
-    materials = composition(settings.composition, settings.calcification)
+    materials = materials_of(settings)
     skin_mm = min(SKIN_MM, arrival.paths.thickness_mm)
     depth = attenuation_per_mm(materials["skin"], unit.energy_kev) * skin_mm
     depth += attenuation_per_mm(materials["adipose"], unit.energy_kev) * (

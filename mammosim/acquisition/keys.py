@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, TypedDict
 
-from mammosim.acquisition.settings import ScatterSettings
+from mammosim.acquisition.settings import ContrastSettings, ScatterSettings
 
 
 class ScatterKeys(TypedDict, total=False):
@@ -19,21 +19,51 @@ class ScatterKeys(TypedDict, total=False):
     2 per cent of noise in the breast."""
 
 
+class ContrastKeys(TypedDict, total=False):
+    """Keys of `ContrastSettings`."""
+
+    lesion_mg_ml: float
+    """Iodine in masses, mg/mL; 1 is the middle of 0.5 to 2, with which test phantoms are made.
+    Default: 1.0."""
+
+    parenchyma_mg_ml: float
+    """Iodine in gland, ducts and lobules, mg/mL; 0.1, a minimal background (assumed). Default:
+    0.1."""
+
+    blood_mg_ml: float
+    """Iodine in vessels, mg/mL; 1.3 where 1.5 mL/kg of 300 mg/mL have spread over 0.2 L/kg outside
+    of cells, and plasma is 0.58 of blood (assumed). Default: 1.3."""
+
+    filter: Literal["Mo", "Rh", "Ag", "Al", "Cu", "Ti"]
+    """Filter of the high-energy exposure: Cu or Ti, or any other. Default: Cu."""
+
+    filter_mm: float | None
+    """Its thickness in mm; left out, the usual one: Cu 0.300, Ti 1.000."""
+
+    kvp: float
+    """Tube voltage of the high-energy exposure in kV; systems use 45 to 49, and below 34 no photon
+    passes the K edge of iodine (33.2 keV). Default: 49.0."""
+
+    mas: float | None
+    """Its tube load in mAs; left out, what gives 0.43 of the low-energy exposure's glandular dose,
+    the middle of what was measured in patients."""
+
+
 class AcquisitionKeys(TypedDict, total=False):
     """Keys of `AcquisitionSettings`."""
 
     target: Literal["W", "Mo", "Rh"]
     """Anode material: W, Mo or Rh; tungsten is that of most systems sold today. Default: W."""
 
-    filter: Literal["Mo", "Rh", "Ag", "Al"]
-    """Filter material: Mo, Rh, Ag or Al. Default: Rh."""
+    filter: Literal["Mo", "Rh", "Ag", "Al", "Cu", "Ti"]
+    """Filter material: Mo, Rh, Ag or Al; Cu or Ti for high energies. Default: Rh."""
 
     filter_mm: float | None
-    """Filter thickness in mm; left out: Mo 0.030, Rh 0.025 (on tungsten 0.050), Ag 0.050, Al
-    0.700."""
+    """Filter thickness in mm; left out: Mo 0.030, Rh 0.025 (on tungsten 0.050), Ag 0.050, Al 0.700,
+    Cu 0.300, Ti 1.000."""
 
     kvp: float | None
-    """Tube voltage in kV, 20 to 40; left out: chosen by the compressed thickness."""
+    """Tube voltage in kV, 20 to 49; left out: chosen by the compressed thickness."""
 
     mas: float | None
     """Tube load in mAs; left out: automatic exposure control."""
@@ -71,6 +101,10 @@ class AcquisitionKeys(TypedDict, total=False):
     scatter: bool | ScatterSettings | ScatterKeys
     """Scattered radiation: true for the default model, false for none, or a section with the
     model's name. Default: True."""
+
+    contrast: ContrastSettings | ContrastKeys | None
+    """A contrast agent: a high-energy exposure follows the mammogram, and both are recombined to an
+    image of iodine. Left out, there is none."""
 
     grid: bool
     """Whether an anti-scatter grid is in front of the detector. Default: True."""

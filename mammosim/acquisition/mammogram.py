@@ -70,6 +70,39 @@ class Dose:
 
 
 @dataclass(frozen=True, eq=False)
+class IodineImage:
+    """Iodine on each ray, recombined from a low- and a high-energy exposure.
+
+    Parameters
+    ----------
+    mg_cm2 : ndarray of float32, [row, column]
+        Iodine over that of the breast's middle, mg/cm2.
+    weight : float
+        Weight of the low-energy image.
+    per_mg_cm2 : float
+        Change of the weighted difference of the logarithms for 1 mg/cm2.
+    """
+
+    mg_cm2: NDArray[np.float32]
+    weight: float
+    per_mg_cm2: float
+
+
+@dataclass(frozen=True, eq=False)
+class ContrastPair:
+    """What follows a mammogram with a contrast agent, which is the low-energy exposure.
+
+    Parameters
+    ----------
+    high_energy : Mammogram
+    iodine : IodineImage
+    """
+
+    high_energy: Mammogram
+    iodine: IodineImage
+
+
+@dataclass(frozen=True, eq=False)
 class Mammogram:
     """A full-field digital mammogram with its technique.
 
@@ -117,6 +150,10 @@ class Mammogram:
     scatter_model : str
         Name of the scatter model that ran.
     dose : Dose or None
+    contrast : ContrastPair or None
+        The high-energy exposure and the image of iodine, with a contrast agent.
+    implant : bool
+        Whether there is an implant in the breast.
     """
 
     for_processing: NDArray[np.uint16]
@@ -145,6 +182,8 @@ class Mammogram:
     cell_px: int = 1
     scatter_model: str = ""
     dose: Dose | None = None
+    contrast: ContrastPair | None = None
+    implant: bool = False
 
     @property
     def dose_method(self) -> str:

@@ -29,3 +29,6 @@ def check_acquisition(settings: AcquisitionSettings) -> None:
         filter_mm=settings.filter_mm, paddle_mm=settings.paddle_mm,
         spectrum_file=settings.spectrum_file,
     )  # fmt: skip
+    agent = settings.contrast
+    if agent is not None:
+        make_beam(settings.target, agent.filter, agent.kvp, filter_mm=agent.filter_mm)

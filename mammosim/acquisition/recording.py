@@ -13,6 +13,7 @@ from mammosim.acquisition.attenuation import BEAM_MATERIALS
 from mammosim.acquisition.blocks import block_mean
 from mammosim.acquisition.blur import blur_shadow, spot_width_mm
 from mammosim.acquisition.coarse import CoarsePaths, coarse_paths
+from mammosim.acquisition.contrast_agent import materials_of
 from mammosim.acquisition.detectors import find_detector
 from mammosim.acquisition.exposure import (
     MAX_CONTROLLED_MAS,
@@ -29,7 +30,6 @@ from mammosim.acquisition.spectrum import Beam, make_beam
 from mammosim.compression import CompressedBreast
 from mammosim.geometry import Gantry
 from mammosim.projection import PathLengths
-from mammosim.tissues import composition
 
 ScatterModel = Callable[[ScatterCase], Scatter]
 """A scatter model, as those of `SCATTER_MODELS`."""
@@ -152,7 +152,7 @@ def arrive(
     scatter_model : callable, optional
         In place of the one that the settings name.
     """
-    materials = composition(settings.composition, settings.calcification)
+    materials = materials_of(settings)
     beam = beam_for(settings, paths)
     unit = response_for(settings, beam, paths.gantry)
     coarse = coarse_paths(paths, materials)
@@ -192,7 +192,7 @@ def scatter_case(
     chosen = settings.scatter
     return ScatterCase(
         primary, thickness_mm, cell, gantry, beam, find_detector(settings.detector),
-        settings.support_mm, composition(settings.composition, settings.calcification), breast,
+        settings.support_mm, materials_of(settings), breast,
         support=BEAM_MATERIALS[settings.support_material], paddle_mm=settings.paddle_mm,
         grid=grid_of(settings), heel=settings.heel,
         photons=None if isinstance(chosen, bool) else chosen.photons, seed=seed, dose_map=dose_map,

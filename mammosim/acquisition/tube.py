@@ -20,8 +20,9 @@ from mammosim.errors import InputError
 TARGETS: tuple[str, ...] = ("W", "Mo", "Rh")
 """Anode materials that the spectrum model covers."""
 
-KVP_RANGE: tuple[float, float] = (20.0, 40.0)
-"""Tube voltages of screening mammography, within those that SpekPy's model covers, kV."""
+KVP_RANGE: tuple[float, float] = (20.0, 49.0)
+"""Tube voltages of mammography tubes, within those that SpekPy's model covers, kV: above 35 for
+high-energy exposures with a contrast agent."""
 
 REFERENCE_MM = 1000.0
 """Distance from the focal spot that fluences are given for, mm."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition.attenuation import attenuation_per_mm
+from mammosim.acquisition.contrast_agent import materials_of
 from mammosim.acquisition.detectors import Detector, find_detector
 from mammosim.acquisition.grid_parts import primary_part
 from mammosim.acquisition.keys import AcquisitionKeys
@@ -22,7 +23,6 @@ from mammosim.config import documents_keys, given_settings
 from mammosim.geometry import Gantry
 from mammosim.phantom import BreastPhantom, Lesion
 from mammosim.projection import PathLengths, channels_of, host_channel
-from mammosim.tissues import composition
 
 CORE = 0.5
 """Part of its greatest path length from which on a pixel belongs to the core of a shadow."""
@@ -89,7 +89,7 @@ def lesion_visibility(
     )
     detector = find_detector(settings.detector)
     unit = response_for(settings, beam_for(settings, paths), paths.gantry)
-    materials = composition(settings.composition, settings.calcification)
+    materials = materials_of(settings)
     mu = np.stack(
         [attenuation_per_mm(materials[name], unit.energy_kev) for name in paths.materials]
     )

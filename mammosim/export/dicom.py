@@ -5,7 +5,9 @@ The image says in several places that no patient was imaged.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from os import PathLike
+from typing import Any
 
 from pydicom import Dataset
 from pydicom.dataset import FileMetaDataset
@@ -14,6 +16,7 @@ from pydicom.uid import ExplicitVRLittleEndian
 from mammosim.acquisition import Mammogram
 from mammosim.export import dicom_modules as modules
 from mammosim.export.atomic import whole_file
+from mammosim.export.dicom_agent import contrast_agent
 from mammosim.export.dicom_modules import Intent
 from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
 from mammosim.export.settings import ExportSettings
@@ -58,9 +61,10 @@ def mammogram_dataset(
         With its meta header and pixels, ready to be saved.
     """
     view, raw = mammogram.gantry.view, intent == "processing"
+    enhanced = {} if mammogram.contrast is None else contrast_agent("LOW_ENERGY", raw)
     filled = (
         modules.identification(study, settings, intent, view),
-        modules.image(study, intent, view),
+        modules.image(study, intent, view, mammogram.implant),
         modules.detector(mammogram),
         modules.positioning(mammogram),
         modules.technique(mammogram),
@@ -69,12 +73,31 @@ def mammogram_dataset(
             mammogram.for_processing if raw else mammogram.for_presentation,
             modules.BITS_STORED[intent],
         ),
+        enhanced,
     )
+    return image_dataset(filled, intent, study.uid("image", view.folder, intent))
+
+
+def image_dataset(filled: Iterable[Mapping[str, Any]], intent: Intent, uid: str) -> Dataset:
+    """One image object of attributes by module, later ones in place of earlier ones.
+
+    Parameters
+    ----------
+    filled : iterable of mapping
+    intent : {"processing", "presentation"}
+    uid : str
+        SOP Instance UID.
+
+    Returns
+    -------
+    pydicom.Dataset
+        With its meta header, ready to be saved.
+    """
     dataset = Dataset()
     for module in filled:
         modules.set_attributes(dataset, module)
     dataset.SOPClassUID = modules.SOP_CLASS[intent]
-    dataset.SOPInstanceUID = study.uid("image", view.folder, intent)
+    dataset.SOPInstanceUID = uid
     dataset.file_meta = _file_meta(dataset)
     return dataset
 

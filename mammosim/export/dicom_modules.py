@@ -31,7 +31,8 @@ SOP_CLASS = {
 """SOP Class of each intent."""
 
 _FIRST_SERIES = {
-    "presentation": 1, "processing": 101, "state": 201, "segmentation": 301, "measurements": 401,
+    "presentation": 1, "iodine": 61, "processing": 101, "high energy": 161, "state": 201,
+    "segmentation": 301, "measurements": 401,
 }  # fmt: skip
 
 # Order in which a reader looks at a study: right before left, CC before MLO.
@@ -136,7 +137,9 @@ def identification(
     ----------
     study : StudyIdentity
     settings : ExportSettings
-    series : {"processing", "presentation", "state", "segmentation", "measurements"}
+    series : str
+        A kind of object: `processing`, `presentation`, `iodine`, `high energy`, `state`,
+        `segmentation` or `measurements`.
     view : View
     """
     series_uid, series_number = series_of(study, series, view)
@@ -167,7 +170,9 @@ def identification(
     }
 
 
-def image(study: StudyIdentity, intent: Intent, view: View) -> dict[str, Any]:
+def image(
+    study: StudyIdentity, intent: Intent, view: View, implant: bool = False
+) -> dict[str, Any]:
     """General Image, DX Series, DX Anatomy Imaged and the view."""
     value, meaning = VIEW_CODES[view.name]
     view_item = code_item(value, "SCT", meaning)
@@ -185,7 +190,7 @@ def image(study: StudyIdentity, intent: Intent, view: View) -> dict[str, Any]:
         "AnatomicRegionSequence": Sequence([code_item("76752008", "SCT", "Breast")]),
         "ViewCodeSequence": Sequence([view_item]),
         "ViewPosition": view.name,  # not needed beside the code, but what many tools read
-        "BreastImplantPresent": "NO",
+        "BreastImplantPresent": "YES" if implant else "NO",
         "PartialView": "NO",
         "BurnedInAnnotation": "NO",
         "LossyImageCompression": "00",
@@ -306,12 +311,7 @@ def processing() -> dict[str, Any]:
 
 def presentation(mammogram: Mammogram, study: StudyIdentity) -> dict[str, Any]:
     """DX Image of pixels for reading, with its window and a reference to the raw image."""
-    source = Dataset()
-    source.ReferencedSOPClassUID = SOP_CLASS["processing"]
-    source.ReferencedSOPInstanceUID = study.uid("image", mammogram.gantry.view.folder, "processing")
-    source.SpatialLocationsPreserved = "YES"
-    purpose = code_item("121322", "DCM", "Source image for image processing operation")
-    source.PurposeOfReferenceCodeSequence = Sequence([purpose])
+    source = source_image(study.uid("image", mammogram.gantry.view.folder, "processing"))
     return {
         "ImageType": ["DERIVED", "PRIMARY"],
         "AcquisitionDeviceProcessingDescription": "Logarithm, thickness equalization, tone curve",
@@ -324,6 +324,17 @@ def presentation(mammogram: Mammogram, study: StudyIdentity) -> dict[str, Any]:
         "WindowWidth": decimal_string(mammogram.window_width),
         "WindowCenterWidthExplanation": "Standard",
     }
+
+
+def source_image(uid: str) -> Dataset:
+    """An item of Source Image Sequence: the raw image that another was made from."""
+    source = Dataset()
+    source.ReferencedSOPClassUID = SOP_CLASS["processing"]
+    source.ReferencedSOPInstanceUID = uid
+    source.SpatialLocationsPreserved = "YES"
+    purpose = code_item("121322", "DCM", "Source image for image processing operation")
+    source.PurposeOfReferenceCodeSequence = Sequence([purpose])
+    return source
 
 
 def pixel_data(pixels: NDArray[np.uint16], bits: int) -> dict[str, Any]:

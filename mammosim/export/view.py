@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
+from mammosim.export.contrast import write_contrast
 from mammosim.export.dicom import write_dicom
 from mammosim.export.gantry_file import write_geometry
 from mammosim.export.identity import StudyIdentity
@@ -137,6 +138,7 @@ def write_images(
             write_measurements(masks, mammogram, file, study, settings)
             file = folder / "lesion_outlines.dcm"
             write_presentation_state(masks, mammogram, file, study, settings)
+    write_contrast(mammogram, folder, study, settings)
     if settings.tiff:
         write_mammogram_tiff(mammogram, folder / "mammogram.tif")
         write_lesion_tiff(masks, mammogram, folder / "lesion_mask.tif")

@@ -4,6 +4,7 @@ from mammosim.tissues.label_maps import DEFAULT_LABELS, LABEL_MAPS, load_label_m
 from mammosim.tissues.materials import (
     CALCIFICATIONS,
     COMPOSITION_SETS,
+    FOREIGN_MATERIALS,
     MATERIAL_NAMES,
     Material,
     composition,
@@ -27,6 +28,7 @@ __all__ = [
     "CALCIFICATIONS",
     "COMPOSITION_SETS",
     "DEFAULT_LABELS",
+    "FOREIGN_MATERIALS",
     "LABEL_MAPS",
     "LESION_LABELS",
     "MATERIAL_NAMES",

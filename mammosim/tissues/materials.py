@@ -55,6 +55,12 @@ MATERIAL_NAMES: tuple[str, ...] = tuple(
 """Every material that the tissue table names."""
 
 
+FOREIGN_MATERIALS: tuple[str, ...] = (
+    "titanium", "silicone", "saline", "pmma", "water", "iodinated water", "lung"
+)  # fmt: skip
+"""Materials that are no part of the breast, for its volume, density and glandularity."""
+
+
 def composition(name_or_path: str, calcification: str) -> MappingProxyType[str, Material]:
     """Every material of the tissue table in one composition set.
 

@@ -7,9 +7,10 @@ from scipy import ndimage
 
 from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS
 from mammosim.acquisition.monte_carlo.scene import Scene
+from mammosim.tissues import FOREIGN_MATERIALS
 
 SHELL_MM = 5.0  # of fat all around the mixture, but for the chest wall: Dance 1990
-NOT_PARENCHYMA = ("muscle", "skin", "titanium")
+NOT_PARENCHYMA = ("muscle", "skin", *FOREIGN_MATERIALS)
 
 
 def core_glandularity_percent(scene: Scene) -> float:

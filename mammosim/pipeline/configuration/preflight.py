@@ -78,6 +78,11 @@ def check_settings(config: RunConfig) -> None:
             check_memory(view.projection, projections=projections)
         except InputError as error:
             problems += error.problems
+        if view.tomosynthesis and view.acquisition.contrast is not None:
+            problems.append(
+                f"{view.label}: acquisition.contrast belongs to mammograms, not to a series of "
+                "projections (dbt)"
+            )
         try:
             check_acquisition(view.acquisition)
         except InputError as error:

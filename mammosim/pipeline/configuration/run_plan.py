@@ -20,6 +20,9 @@ BYTES_A_VOXEL = 1.3
 BYTES_A_PIXEL = 130.0
 """Path lengths of about eight tissues, twice in single precision, and the exposure's images."""
 
+BYTES_A_CONTRAST_PIXEL = 30.0
+"""Of a second exposure with a contrast agent: signal and its second moment, counts, iodine."""
+
 BYTES_A_LESION_PIXEL = 4.0
 """Of each lesion's mask, and of the segmentation while it is packed; measured 2.5 with 30 to 100
 clips. Its path lengths take memory only where rays meet it."""
@@ -114,6 +117,9 @@ def _plan_side(config: RunConfig) -> _SidePlan:
         count = sweep.projections if sweep else 1
         seconds += pixels * SECONDS_A_PIXEL * count
         stack = pixels * count * BYTES_A_PROJECTED_PIXEL if sweep else 0.0
+        if view.acquisition.contrast is not None:
+            seconds += pixels * SECONDS_A_PIXEL
+            stack += pixels * BYTES_A_CONTRAST_PIXEL
         largest = max(largest, lattice_bytes + pixels * BYTES_A_PIXEL + stack)
         masks = max(masks, pixels * lesions * BYTES_A_LESION_PIXEL)
         line = _view_line(view.label, compression, projection.pixel_mm, nodes, pixels)
