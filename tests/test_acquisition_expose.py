@@ -216,7 +216,7 @@ def test_empty_field():
     [
         ({"mas": 0.0}, r"acquisition.mas: found 0.0, expected more than 0 mAs \(zero dose\)"),
         ({"mas": -3.0}, r"acquisition.mas: found -3"),
-        ({"kvp": 45.0}, r"acquisition.kvp: found 45.0, expected 20 to 40 kV"),
+        ({"kvp": 50.0}, r"acquisition.kvp: found 50.0, expected 20 to 49 kV"),
         ({"target": "Cu"}, r"acquisition.target: found 'Cu', expected one of W, Mo, Rh"),
         ({"filter": "Cu"}, r"acquisition.filter: found 'Cu'"),
         ({"detector": "film"}, r"acquisition.detector: found 'film'"),

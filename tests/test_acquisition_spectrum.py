@@ -16,6 +16,7 @@ HVL = {
     ("W", "Rh"): ((0.491, 0.525, 0.550), (0.52, 0.54, 0.56), 0.03),
 }
 KVPS = (25.0, 28.0, 31.0)
+HARD = ("Cu", "Ti")  # for high energies: tests/test_acquisition_contrast.py
 
 
 @pytest.mark.parametrize(("target", "filter"), HVL)
@@ -28,7 +29,7 @@ def test_half_value_layers(target, filter):
 
 
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("filter", FILTER_MM)
+@pytest.mark.parametrize("filter", [name for name in FILTER_MM if name not in HARD])
 def test_every_target_with_every_filter(target, filter):
     """A beam within the voltage, harder at more of it; its K-edge filter cuts what lies above."""
     low, high = (make_beam(target, filter, kvp) for kvp in (25.0, 35.0))
@@ -128,7 +129,7 @@ def test_voltage_of_a_spectrum_file(tmp_path):
 
 
 def test_faulty_technique(tmp_path):
-    with pytest.raises(InputError, match=r"acquisition.kvp: found 50, expected 20 to 40 kV"):
+    with pytest.raises(InputError, match=r"acquisition.kvp: found 50, expected 20 to 49 kV"):
         make_beam("W", "Rh", 50.0)
     with pytest.raises(InputError, match=r"acquisition.target: found 'Cu', expected one of W, Mo"):
         make_beam("Cu", "Rh", 28.0)
