@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         project,
         project_arc,
     )
+    from mammosim.reconstruction import Reconstruction, ReconstructionSettings, reconstruct
     from mammosim.targets import Target, find_targets
 
 __version__ = VERSION
@@ -62,6 +63,7 @@ _HOMES = {
         "project",
         "project_arc",
     ),
+    "reconstruction": ("Reconstruction", "ReconstructionSettings", "reconstruct"),
     "targets": ("Target", "find_targets"),
 }
 _HOME_OF = {name: room for room, names in _HOMES.items() for name in names}
@@ -79,6 +81,8 @@ __all__ = [
     "NotConverged",
     "PathLengths",
     "ProjectionSettings",
+    "Reconstruction",
+    "ReconstructionSettings",
     "RunConfig",
     "Study",
     "Target",
@@ -94,6 +98,7 @@ __all__ = [
     "project",
     "project_arc",
     "read_phantom",
+    "reconstruct",
     "simulate",
 ]
 

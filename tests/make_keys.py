@@ -24,6 +24,7 @@ from mammosim.export import ExportSettings
 from mammosim.phantom import GenerateSettings, PhantomSettings
 from mammosim.pipeline import RunConfig, ViewSettings
 from mammosim.projection import ProjectionSettings, TomosynthesisSettings
+from mammosim.reconstruction import ReconstructionSettings
 from mammosim.report import ReportSettings
 from mammosim.targets import TargetsSettings
 
@@ -45,6 +46,7 @@ SECTIONS = (
     Keys(CompressionSettings),
     Keys(ProjectionSettings),
     Keys(TomosynthesisSettings),
+    Keys(ReconstructionSettings),
     Keys(AcquisitionSettings),
     Keys(TargetsSettings),
     Keys(ExportSettings),

@@ -8,17 +8,18 @@ import pytest
 
 from mammosim.errors import InputError
 from mammosim.geometry import Gantry, View
-from mammosim.reconstruction import ReconstructionSettings, volume_grid
+from mammosim.reconstruction import Box, ReconstructionSettings, volume_grid
 from mammosim.reconstruction.rtk import load_rtk, reconstruct_by_rtk
 
 PIXEL_MM, THICKNESS_MM = 0.5, 50.0
 CLIPS_MM = np.array([[30.0, -20.0, 9.3], [40.0, 5.0, 22.1], [25.0, 25.0, 34.0]])
+WHOLE = Box(0, 160, 0, 120)
 WIDTH_MM = 0.5
 """Standard deviation of a clip's picture, mm."""
 
 
 def gantry_of(side):
-    rows, columns = 160, 120
+    rows, columns = WHOLE.rows, WHOLE.columns
     return Gantry(
         View("CC", side, tomosynthesis=True), 3.0, -25.0, 650.0, 15.0, 0.0, PIXEL_MM, rows, columns,
         -0.5 * rows * PIXEL_MM, 0.0, 50.0,
@@ -63,7 +64,7 @@ def test_clips_are_found_at_their_height(method, side):
     gantries = arc_of(gantry_of(side), 50.0, 25)
     grid = volume_grid(gantries[0], THICKNESS_MM, 1.0)
     volume = reconstruct_by_rtk(
-        pictures(gantries), gantries, grid, ReconstructionSettings(method=method)
+        pictures(gantries), gantries, WHOLE, grid, ReconstructionSettings(method=method)
     ).transpose(0, 2, 1)
     for clip in CLIPS_MM:
         found = grid.gantry_from_voxel(_peak(volume, grid.voxel_of(clip)))

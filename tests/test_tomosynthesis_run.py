@@ -151,7 +151,7 @@ def test_a_view_may_be_taken_both_ways_and_with_a_grid():
         ({"dbt": {"view": "CC", "angle": 3}}, r"views\.0\.dbt\.angle: unknown key"),
         ({"dbt": {"view": "CC", "projections": 0}}, r"projections: found 0, expected greater"),
         ({"dbt": {"view": "CC", "projections": 2.5}}, r"projections: found 2\.5"),
-        ({"dbt": {"view": "CC", "angle_range_deg": 180}}, r"angle_range_deg: found 180"),
+        ({"dbt": {"view": "CC", "angle_range_deg": 200}}, r"angle_range_deg: found 200"),
         ({"dbt": 25}, r"views\.0\.dbt: found 25"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,11 +67,12 @@ class ScatterSweep:
             weights[k] = np.prod((angle_deg - others) / (here - others))
         return weights
 
-    def mean_dose_over(self, angle_deg: float, angles_deg: NDArray[np.float64]) -> float:
-        """Glandular dose averaged over tube angles, over that at one angle, for the same load."""
-        here = self._dose(self.weights(angle_deg)).gland_in_field_mgy_mas
-        each = [self._dose(self.weights(a)).gland_in_field_mgy_mas for a in angles_deg]
-        return float(np.mean(each)) / here if here > 0.0 else 1.0
+    def dose_factors(self, angles_deg: Sequence[float]) -> NDArray[np.float64]:
+        """Glandular dose at tube angles over that of the upright tube, for the same load."""
+        upright, *each = (
+            self._dose(self.weights(angle)).gland_in_field_mgy_mas for angle in (0.0, *angles_deg)
+        )
+        return np.array(each) / upright if upright > 0.0 else np.ones(len(angles_deg))
 
     def _dose(self, weights: NDArray[np.float64]) -> ScatterDose:
         doses = [one.dose for one in self.found if one.dose is not None]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition._kernels import log_attenuation_kernel
+from mammosim.acquisition.coarse import CoarsePaths
 from mammosim.acquisition.expose import (
     COUNTS_PER_KEV_MM2,
     counts_per_kev_mm2,
@@ -43,12 +44,22 @@ class Tomosynthesis:
     mas, air_kerma_mgy, dose_mgy : float
         Tube load, incident air kerma at the upright position and mean glandular dose of all
         projections together, mAs, mGy and mGy.
+    loads_mas : ndarray of float64, [projection]
+        Tube load of each projection, mAs.
+    dose_factors : ndarray of float64, [projection]
+        Glandular dose at each angle over that of the upright tube for the same load, t(angle);
+        from Monte Carlo, and 1 where another scatter model ran.
     counts_per_kev : float
         Pixel value for one keV absorbed in a pixel.
     air_counts : ndarray of float64, [projection, column or 1]
         Pixel value of air for a ray at right angles to the detector.
     flat_depth : ndarray of float64, [projection]
         Attenuation of the flat layers in the way of such a ray; no unit.
+    shadows : ndarray of int64, [projection, 4]
+        First and last row (exclusive) and first and last column (exclusive) of the cells of about
+        2 mm that the breast's shadow meets; all 0 where it meets none.
+    scatter_to_primary : ndarray of float64, [projection]
+        In front of the grid, the median over the breast without its margin.
     """
 
     projections: NDArray[np.uint16]
@@ -57,9 +68,13 @@ class Tomosynthesis:
     mas: float
     air_kerma_mgy: float
     dose_mgy: float
+    loads_mas: NDArray[np.float64]
+    dose_factors: NDArray[np.float64]
     counts_per_kev: float
     air_counts: NDArray[np.float64]
     flat_depth: NDArray[np.float64]
+    shadows: NDArray[np.int64]
+    scatter_to_primary: NDArray[np.float64]
 
     def attenuation(self, index: int) -> NDArray[np.float32]:
         """Line integrals of the attenuation coefficient in one projection, [row, column].
@@ -119,11 +134,13 @@ def expose_arc(
 
     Notes
     -----
-    Load and dose are split evenly. Monte Carlo follows photons at three to five angles; scatter and
-    dose of the others are interpolated. Dance's dose is that of the upright tube at the same load:
-    his factors for oblique incidence (Dance, Young & van Engen 2011, Phys Med Biol 56:453), which
-    lower it by some per cent, are not applied. Kernels take the oblique path as thickness. Not
-    modelled: movement of the tube during an exposure, lag, grid cut-off.
+    The load is split by `TomosynthesisSettings.shares`, evenly without them. Monte Carlo follows
+    photons at three to five angles; scatter and dose of the others are interpolated. The dose of
+    all projections is the sum of each one's load times t(angle), the dose at its angle over that of
+    the upright tube, as Dance, Young & van Engen (2011, Phys Med Biol 56:453) define it; it is
+    taken from Monte Carlo's own photons in this breast, not from their tables. Other scatter models
+    take t as 1, which is some per cent too high at 25 degrees. Kernels take the oblique path as
+    thickness. Not modelled: movement of the tube during an exposure, lag, grid cut-off.
     """
     settings = given_settings(AcquisitionSettings, settings, keys, "expose_arc()", ("acquisition",))
     if "grid" not in settings.model_fields_set:
@@ -138,47 +155,77 @@ def expose_arc(
         with_grid = arrive(paths, _with_grid(settings), scatter_model=sweep)
         wanted_mas = with_grid.wanted_mas
         settings = settings.model_copy(update={"mas": with_grid.controlled_mas()})
+    parts = np.array(arc.settings.load_parts)
     arrival = arrive(paths, settings, scatter_model=sweep, keep_primary=True)
-    mas = arrival.controlled_mas() / count
+    total_mas = arrival.controlled_mas()
+    loads = total_mas * parts
     pixel_mm2 = arrival.paths.pixel_mm**2
     # A turned tube is nearer to the detector's plane, and air brighter by the square of that.
     nearest = min(gantry.focal_spot_height_mm for gantry in arc.gantries)
     closer = (arc.gantries[middle].focal_spot_height_mm / nearest) ** 2
-    air_kev_mm2 = arrival.air_signal * mas * closer / pixel_mm2
-    gain = counts_per_kev_mm2(air_kev_mm2, COUNTS_PER_KEV_MM2 * count) / pixel_mm2
+    air_kev_mm2 = arrival.air_signal * loads.max() * closer / pixel_mm2
+    gain = counts_per_kev_mm2(air_kev_mm2, COUNTS_PER_KEV_MM2 / parts.max()) / pixel_mm2
 
     gantry = arc.gantries[middle]
     stack = np.empty((count, gantry.rows, gantry.columns), np.uint16)
-    signal, exposure = record(arrival, mas, _noise_of(seed, middle))
+    known = {middle: _Known.of(arrival, loads[middle] * gain)}
+    signal, exposure = record(arrival, loads[middle], _noise_of(seed, middle))
     shown = mammogram_of(arrival, exposure, signal, gain)
-    dose_mgy = shown.dose_mgy * count
+    factors = np.ones(count)
     if sweep is not None:
-        angles = np.array([turned.tube_angle_deg for turned in arc.gantries])
-        dose_mgy *= sweep.mean_dose_over(gantry.tube_angle_deg, angles)
+        factors = sweep.dose_factors([turned.tube_angle_deg for turned in arc.gantries])
+    dose_mgy = shown.dose_mgy * float(parts @ factors / (parts[middle] * factors[middle]))
     whole = {"projections": float(count), "dose_of_all_projections_mgy": dose_mgy}
     shown = replace(shown, measures={**shown.measures, **whole})
     shown = judged(shown, arrival, wanted_mas, count)
     stack[middle] = shown.for_processing
-    air = {middle: _air_of(arrival, mas * gain)}
     del arrival, signal, paths
     for index in (*range(middle), *range(middle + 1, count)):
         turned = arc.paths(index)
         watch(index, turned)
         arrival = arrive(turned, settings, scatter_model=sweep)
-        air[index] = _air_of(arrival, mas * gain)
-        signal, _ = record(arrival, mas, _noise_of(seed, index))
+        known[index] = _Known.of(arrival, loads[index] * gain)
+        signal, _ = record(arrival, loads[index], _noise_of(seed, index))
         stack[index] = to_counts(signal, gain)
-    air_counts, flat_depth = zip(*(air[index] for index in range(count)), strict=True)
+    in_order = [known[index] for index in range(count)]
     return Tomosynthesis(
-        stack, arc.gantries, shown, mas * count, shown.air_kerma_mgy * count,
-        dose_mgy, gain, np.stack(air_counts), np.array(flat_depth),
+        stack, arc.gantries, shown, total_mas, shown.air_kerma_mgy / parts[middle], dose_mgy, loads,
+        factors, gain, np.stack([one.air_counts for one in in_order]),
+        np.array([one.flat_depth for one in in_order]),
+        np.array([one.shadow for one in in_order]),
+        np.array([one.scatter_to_primary for one in in_order]),
     )  # fmt: skip
 
 
-def _air_of(arrival: Arrival, counts_mas_per_kev: float) -> tuple[NDArray[np.float64], float]:
-    """Pixel value of air, [column or 1], and the attenuation of the flat layers."""
-    profile = arrival.air_signal * arrival.unit.air_profile
-    return counts_mas_per_kev * profile, arrival.unit.weights.mean_depth
+class _Known(NamedTuple):
+    """What is known of one projection beside its pixels; see `Tomosynthesis`."""
+
+    air_counts: NDArray[np.float64]
+    flat_depth: float
+    shadow: tuple[int, int, int, int]
+    scatter_to_primary: float
+
+    @classmethod
+    def of(cls, arrival: Arrival, counts_mas_per_kev: float) -> _Known:
+        profile = arrival.air_signal * arrival.unit.air_profile
+        return cls(
+            counts_mas_per_kev * profile,
+            arrival.unit.weights.mean_depth,
+            _shadow_of(arrival.coarse, arrival.paths.gantry),
+            arrival.scatter_to_primary,
+        )
+
+
+def _shadow_of(coarse: CoarsePaths, gantry: Gantry) -> tuple[int, int, int, int]:
+    """Rows and columns of the cells with any tissue."""
+    rows, columns = (np.flatnonzero(coarse.tissue_mm.any(axis=axis)) for axis in (1, 0))
+    if rows.size == 0:
+        return 0, 0, 0, 0
+    cell = coarse.cell
+    return (
+        int(rows[0]) * cell, min((int(rows[-1]) + 1) * cell, gantry.rows),
+        int(columns[0]) * cell, min((int(columns[-1]) + 1) * cell, gantry.columns),
+    )  # fmt: skip
 
 
 def _with_grid(settings: AcquisitionSettings) -> AcquisitionSettings:

@@ -23,7 +23,12 @@ from mammosim.export.pictures import (
     write_stack_tiff,
 )
 from mammosim.export.segmentation import write_segmentation
-from mammosim.export.series import series_geometry, write_series
+from mammosim.export.series import (
+    reconstruction_geometry,
+    series_geometry,
+    write_reconstruction,
+    write_series,
+)
 from mammosim.export.settings import ExportSettings
 from mammosim.export.tables import (
     compression_summary,
@@ -65,6 +70,7 @@ __all__ = [
     "read_compressed_labels",
     "read_displacement",
     "read_geometry",
+    "reconstruction_geometry",
     "series_geometry",
     "text_of_csv",
     "whole_file",
@@ -90,6 +96,7 @@ __all__ = [
     "write_path_lengths",
     "write_phantom",
     "write_preview",
+    "write_reconstruction",
     "write_segmentation",
     "write_series",
     "write_stack_tiff",

@@ -19,9 +19,12 @@ from mammosim.export.pictures import (
     write_stack_tiff,
 )
 from mammosim.export.settings import ExportSettings
+from mammosim.export.volumes import write_slices
 from mammosim.projection import PathLengths
+from mammosim.reconstruction import Reconstruction
 
 PROJECTIONS = "projections.tif"
+SLICES = "reconstruction.nii.gz"
 
 
 def write_series(
@@ -64,6 +67,27 @@ def write_series(
         write_glandular_tiff(middle, folder / "glandular_thickness.tif")
 
 
+def write_reconstruction(
+    folder: str | PathLike[str], volume: Reconstruction, settings: ExportSettings
+) -> None:
+    """Write the slices of a view taken as a series of projections.
+
+    Parameters
+    ----------
+    folder : path
+        The view's folder, as ``run/LCC_DBT``.
+    volume : Reconstruction
+    settings : ExportSettings
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    if settings.volumes:
+        write_slices(volume, Path(folder) / SLICES)
+
+
 def series_geometry(series: Tomosynthesis) -> dict[str, Any]:
     """Where tube and pixels were, in plain values for run.json.
 
@@ -83,7 +107,6 @@ def series_geometry(series: Tomosynthesis) -> dict[str, Any]:
     first, down, right = (
         np.append(gantry.detector_xy_mm(row, column), z) for row, column in ((0, 0), (1, 0), (0, 1))
     )
-    share = series.mas / len(series.gantries)
     return {
         "frame": "gantry: x from the detector's edge, y along it, z above the support; mm",
         "pages": PROJECTIONS,
@@ -105,10 +128,41 @@ def series_geometry(series: Tomosynthesis) -> dict[str, Any]:
                 "page": page,
                 "angle_deg": round(turned.tube_angle_deg, 9),
                 "focal_spot_mm": _rounded(turned.focal_spot_mm),
-                "mas": share,
+                "mas": float(series.loads_mas[page]),
+                "dose_factor": round(float(series.dose_factors[page]), 6),
+                "scatter_to_primary_ratio": round(float(series.scatter_to_primary[page]), 6),
             }
             for page, turned in enumerate(series.gantries)
         ],
+    }
+
+
+def reconstruction_geometry(volume: Reconstruction) -> dict[str, Any]:
+    """Where the voxels of a reconstruction are, in plain values for run.json.
+
+    Parameters
+    ----------
+    volume : Reconstruction
+
+    Returns
+    -------
+    dict
+        Lengths in mm in the gantry frame. The centre of voxel [slice, row, column] is at
+        ``first_voxel_mm + slice * slice_step_mm + row * row_step_mm + column * column_step_mm``.
+    """
+    grid = volume.grid
+    slices, rows, columns = grid.shape
+    first, up, down, right = grid.gantry_from_voxel([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    return {
+        **volume.settings.model_dump(mode="json", exclude_none=True),
+        "file": SLICES,
+        "slices": slices,
+        "rows": rows,
+        "columns": columns,
+        "first_voxel_mm": _rounded(first),
+        "slice_step_mm": _rounded(up - first),
+        "row_step_mm": _rounded(down - first),
+        "column_step_mm": _rounded(right - first),
     }
 
 

@@ -24,6 +24,7 @@ from mammosim.config import utf8_path
 from mammosim.errors import InputError
 from mammosim.export.atomic import whole_file
 from mammosim.geometry import Gantry, View, VoxelFrame
+from mammosim.reconstruction import Reconstruction
 
 LPS_FROM_BREAST: NDArray[np.float64] = np.array(
     [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
@@ -127,6 +128,53 @@ def write_dose_map(dose: DoseMap, gantry: Gantry, path: str | PathLike[str]) -> 
     image = sitk.GetImageFromArray(np.ascontiguousarray(dose.mgy.transpose(2, 1, 0)))
     _place(image, VoxelFrame(first, dose.spacing_mm, (nx, ny, nz)), gantry.view.rotation)
     _write(image, path, dose.mgy.nbytes)
+
+
+def write_slices(volume: Reconstruction, path: str | PathLike[str]) -> None:
+    """Write reconstructed slices, attenuation coefficient in 1/mm, as 32-bit floats.
+
+    Parameters
+    ----------
+    volume : Reconstruction
+    path : path
+        Ends in ``.nii.gz``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+
+    Notes
+    -----
+    The file's first axis runs along a slice's rows (to higher columns), the second down its
+    columns, the third up from the breast support.
+    """
+    image = sitk.GetImageFromArray(volume.slices)
+    first_mm, steps_mm = slices_in_patient(volume)
+    spacing_mm = np.linalg.norm(steps_mm, axis=0)
+    image.SetSpacing([float(step) for step in spacing_mm])
+    image.SetOrigin([float(at) for at in first_mm])
+    image.SetDirection([float(cosine) for cosine in (steps_mm / spacing_mm).ravel()])
+    _write(image, path, volume.slices.nbytes)
+
+
+def slices_in_patient(
+    volume: Reconstruction,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where the voxels of a reconstruction lie in the patient.
+
+    Returns
+    -------
+    first_mm : ndarray, (3,)
+        Centre of voxel [0, 0, 0], LPS, mm.
+    steps_mm : ndarray, (3, 3)
+        Its columns lead from one column, row and slice to the next, LPS, mm.
+    """
+    gantry = volume.gantry
+    shift = np.array([gantry.detector_edge_mm, 0.0, gantry.support_z_mm])
+    corners = volume.grid.gantry_from_voxel([[0, 0, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0]]) + shift
+    first, *neighbours = corners @ _lps_from_compression(gantry.view.patient_rotation).T
+    return first, np.stack([neighbour - first for neighbour in neighbours], axis=1)
 
 
 def read_displacement(

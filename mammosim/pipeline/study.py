@@ -12,6 +12,7 @@ from mammosim.acquisition import Mammogram, Tomosynthesis
 from mammosim.compression import CompressedBreast
 from mammosim.phantom import BreastPhantom
 from mammosim.projection import PathLengths
+from mammosim.reconstruction import Reconstruction
 from mammosim.targets import ShiftAnswers, Target
 
 OnProgress = Callable[[str, str, np.void | None], None]
@@ -34,6 +35,8 @@ class ViewResult:
         The projections, where the view was taken as a series.
     lesion_images : tuple of ndarray of uint8 or uint16, [row, column]
         Of a series, the label image of the lesions in each projection; empty without lesions.
+    reconstruction : Reconstruction, optional
+        Of a series, the slices, where `dbt.reconstruct` asks for them.
     """
 
     squeezed: CompressedBreast
@@ -42,6 +45,7 @@ class ViewResult:
     targets: tuple[Target, ...] = ()
     series: Tomosynthesis | None = None
     lesion_images: tuple[NDArray[np.unsignedinteger], ...] = ()
+    reconstruction: Reconstruction | None = None
 
 
 @dataclass(frozen=True, eq=False)

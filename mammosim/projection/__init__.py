@@ -3,8 +3,14 @@
 from mammosim.projection.arc import Arc, project_arc
 from mammosim.projection.channels import channels_of, host_channel, planes_with_labels
 from mammosim.projection.coarse_copy import CoarseBreast, coarse_breast
-from mammosim.projection.detector_field import STANDARD_FORMATS_MM
-from mammosim.projection.feasible import check_field, check_memory, check_shadow
+from mammosim.projection.detector_field import STANDARD_FORMATS_MM, Shadow, cast_shadow
+from mammosim.projection.feasible import (
+    check_arc,
+    check_field,
+    check_memory,
+    check_shadow,
+    installed_memory,
+)
 from mammosim.projection.keys import ProjectionKeys, TomosynthesisKeys
 from mammosim.projection.open_end import compressed_end
 from mammosim.projection.paths import PathLengths
@@ -19,9 +25,12 @@ __all__ = [
     "PathLengths",
     "ProjectionKeys",
     "ProjectionSettings",
+    "Shadow",
     "TomosynthesisKeys",
     "TomosynthesisSettings",
+    "cast_shadow",
     "channels_of",
+    "check_arc",
     "check_field",
     "check_memory",
     "check_shadow",
@@ -29,6 +38,7 @@ __all__ = [
     "compressed_end",
     "compressed_labels",
     "host_channel",
+    "installed_memory",
     "planes_with_labels",
     "project",
     "project_arc",

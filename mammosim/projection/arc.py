@@ -10,7 +10,7 @@ from mammosim.config import documents_keys, given_settings, to_settings
 from mammosim.geometry import Gantry
 from mammosim.projection.channels import Channels, channels_of
 from mammosim.projection.detector_field import place_detector
-from mammosim.projection.feasible import check_memory
+from mammosim.projection.feasible import check_arc, check_memory
 from mammosim.projection.keys import ProjectionKeys, TomosynthesisKeys
 from mammosim.projection.paths import PathLengths
 from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
@@ -98,6 +98,7 @@ def project_arc(
     else:
         given = {"view": squeezed.view.name, **(tomosynthesis or {})}
         sweep = to_settings(TomosynthesisSettings, given, "project_arc")
+    check_arc(sweep, settings)
     mapped, channels = voxel_map(squeezed), channels_of(squeezed.phantom)
     upright = place_detector(squeezed, mapped, settings, sweep)
     shape = upright.rows, upright.columns

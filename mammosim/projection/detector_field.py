@@ -13,7 +13,7 @@ from mammosim.errors import InputError
 from mammosim.geometry import Gantry
 from mammosim.projection.open_end import open_end_mm
 from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
-from mammosim.projection.voxel_map import VoxelMap
+from mammosim.projection.voxel_map import VoxelMap, voxel_map
 
 # Height along the chest wall and width, mm: the two formats of full-field digital mammography
 # units (18 x 24 and 24 x 30 cm, the sizes of the film cassettes before them).
@@ -80,6 +80,42 @@ def place_detector(
     The shadow is that of the inverse map's cells that hold tissue: up to one cell wider than the
     tissue's own. What lies behind the detector's edge does not count.
     """
+    gantry, corners = _tissue_over(squeezed, mapped, settings, arc)
+    shadow = _shadow(corners, gantry, arc.angles_deg if arc else (0.0,))
+    if arc and not fitting_format(shadow, settings):
+        shadow = _shadow(corners, gantry, (0.0,))
+    end = open_end_mm(squeezed, gantry)
+    if end is not None:
+        shadow = _up_to(shadow, *end)
+    height, width = fitting_format(shadow, settings) or refuse_format(shadow, settings)
+    rows, columns = pixels_of(height, settings.pixel_mm), pixels_of(width, settings.pixel_mm)
+    y_min = _lower_edge(shadow, gantry.focal_spot_y_mm, rows, settings.pixel_mm)
+    if end is not None:
+        y_min = _edge_at(*end, gantry.focal_spot_y_mm, rows, settings.pixel_mm)
+    return replace(gantry, rows=rows, columns=columns, y_min_mm=y_min)
+
+
+def cast_shadow(
+    squeezed: CompressedBreast, settings: ProjectionSettings, arc: TomosynthesisSettings
+) -> Shadow:
+    """Shadow of a compressed breast over all angles of an arc, whatever the detector's size.
+
+    Raises
+    ------
+    InputError
+        As `place_detector`, but for the detector's format.
+    """
+    gantry, corners = _tissue_over(squeezed, voxel_map(squeezed), settings, arc)
+    return _shadow(corners, gantry, arc.angles_deg)
+
+
+def _tissue_over(
+    squeezed: CompressedBreast,
+    mapped: VoxelMap,
+    settings: ProjectionSettings,
+    arc: TomosynthesisSettings | None,
+) -> tuple[Gantry, np.ndarray]:
+    """A gantry without pixels, and the tissue in front of its detector's edge, (n, 3) in mm."""
     edge = settings.detector_edge_mm
     edge = squeezed.plate_edge_mm if edge is None else edge
     x, y, z = _tissue_corners(mapped)
@@ -96,19 +132,7 @@ def place_detector(
         pivot_to_detector_mm=arc.pivot_to_detector_mm if arc else 0.0,
     )  # fmt: skip
     corners = np.stack([x[kept] - edge, y[kept], z[kept] - squeezed.support_z_mm], axis=-1)
-    angles = arc.angles_deg if arc else (0.0,)
-    shadow = _shadow(corners, gantry, angles)
-    if arc and not fitting_format(shadow, settings):
-        shadow = _shadow(corners, gantry, (0.0,))
-    end = open_end_mm(squeezed, gantry)
-    if end is not None:
-        shadow = _up_to(shadow, *end)
-    height, width = fitting_format(shadow, settings) or refuse_format(shadow, settings)
-    rows, columns = pixels_of(height, settings.pixel_mm), pixels_of(width, settings.pixel_mm)
-    y_min = _lower_edge(shadow, spot_y, rows, settings.pixel_mm)
-    if end is not None:
-        y_min = _edge_at(*end, spot_y, rows, settings.pixel_mm)
-    return replace(gantry, rows=rows, columns=columns, y_min_mm=y_min)
+    return gantry, corners
 
 
 def pixels_of(length_mm: float, pixel_mm: float) -> int:

@@ -20,7 +20,7 @@ from mammosim.projection.detector_field import (
     place_detector,
     refuse_format,
 )
-from mammosim.projection.settings import ProjectionSettings
+from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
 from mammosim.projection.voxel_map import voxel_map
 
 BYTES_A_LENGTH = 4  # single precision
@@ -58,7 +58,7 @@ def check_memory(
         shape = pixels_of(height, settings.pixel_mm), pixels_of(width, settings.pixel_mm)
     images = channels * (2 if settings.conserve_mass else 1)
     needed = (BYTES_A_LENGTH * images + BYTES_A_RECORD * projections) * shape[0] * shape[1]
-    installed = _installed_memory()
+    installed = installed_memory()
     if needed > installed:
         series = f" and {projections} projections" if projections else ""
         raise InputError(
@@ -68,7 +68,7 @@ def check_memory(
         )
 
 
-def _installed_memory() -> float:
+def installed_memory() -> float:
     """Bytes of memory of this machine; infinite where the system does not tell."""
     if not hasattr(os, "sysconf"):
         return math.inf
@@ -123,8 +123,36 @@ def check_field(
         refuse_format(shadow, settings)
 
 
+def check_arc(arc: TomosynthesisSettings, settings: ProjectionSettings) -> None:
+    """Refuse an arc on which the tube would be at or below the breast support.
+
+    Raises
+    ------
+    InputError
+        With the height of the focal spot at the end of the arc.
+    """
+    if arc.pivot_to_detector_mm >= settings.source_to_detector_mm:
+        raise InputError(
+            f"dbt.pivot_to_detector_mm: found {arc.pivot_to_detector_mm:g}, expected less than "
+            f"projection.source_to_detector_mm, {settings.source_to_detector_mm:g}: the pivot "
+            "must be below the focal spot"
+        )
+    arm = settings.source_to_detector_mm - arc.pivot_to_detector_mm
+    end = max(abs(angle) for angle in arc.angles_deg)
+    height = arc.pivot_to_detector_mm + arm * math.cos(math.radians(end))
+    if height <= settings.support_to_detector_mm:
+        raise InputError(
+            f"dbt.angle_range_deg: found {arc.angle_range_deg:g}, which turns the focal spot down "
+            f"to {height:.0f} mm above the detector, expected an arc that stays above the breast "
+            f"support at {settings.support_to_detector_mm:g} mm"
+        )
+
+
 def check_shadow(
-    compressed: CompressedBreast, settings: ProjectionSettings, room: float = 1.0
+    compressed: CompressedBreast,
+    settings: ProjectionSettings,
+    room: float = 1.0,
+    arc: TomosynthesisSettings | None = None,
 ) -> None:
     """Refuse a detector that cannot hold the shadow of a compressed breast.
 
@@ -135,6 +163,8 @@ def check_shadow(
     settings : ProjectionSettings
     room : float
         Sides that the shadow may have, of the largest allowed format's.
+    arc : TomosynthesisSettings, optional
+        Movement of the tube: it must be above the breast at all its angles.
 
     Raises
     ------
@@ -144,7 +174,7 @@ def check_shadow(
     height, width = formats_mm(settings)[-1]
     roomy = {"detector_mm": (height * room, width * room), "pixel_mm": 1.0}
     try:
-        place_detector(compressed, voxel_map(compressed), settings.model_copy(update=roomy))
+        place_detector(compressed, voxel_map(compressed), settings.model_copy(update=roomy), arc)
     except InputError as error:
         grown, own = f"{height * room:g} x {width * room:g}", f"{height:g} x {width:g}"
         raise InputError(line.replace(grown, own) for line in error.problems) from None

@@ -44,12 +44,21 @@ class TomosynthesisKeys(TypedDict, total=False):
     view: Literal["CC", "MLO", "ML"]
     """Compression view in which the projections are taken."""
 
+    system: Literal["like-dimensions", "like-senoclaire", "like-inspiration"] | None
+    """Arc, number and pivot like those of a clinical system: like-dimensions (15 degrees, 15
+    projections), like-senoclaire (25, 9) or like-inspiration (50, 25); keys beside it win."""
+
     angle_range_deg: float
     """Angle between the first and the last position of the tube, degrees, half on each side.
     Default: 50.0."""
 
     projections: int
-    """Number of projections, evenly spaced over the angle range. Default: 25."""
+    """Number of projections, evenly spaced over the angle range; 1 is the upright tube alone.
+    Default: 25."""
 
     pivot_to_detector_mm: float
     """Height of the pivot above the detector plane, mm. Default: 50.0."""
+
+    shares: Sequence[float] | None
+    """Tube load of each projection relative to the others, in the order of their angles; left out:
+    all alike, as on the systems above."""

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from dataclasses import asdict
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
 from mammosim.config import MAX_LENGTH_MM, Coordinate, Settings
+from mammosim.projection.systems import SYSTEMS
 
+
+def _system(value: str) -> str:
+    if value not in SYSTEMS:
+        raise ValueError(f"expected one of {', '.join(SYSTEMS)}")
+    return value
+
+
+_NAMES_OF_SYSTEMS = WithJsonSchema({"type": "string", "enum": list(SYSTEMS)})
 DetectorSide = Annotated[float, Field(ge=1.0, le=MAX_LENGTH_MM)]
 
 
@@ -61,14 +71,40 @@ class TomosynthesisSettings(Settings):
     view: Literal["CC", "MLO", "ML"]
     """Compression view in which the projections are taken."""
 
-    angle_range_deg: Annotated[float, Field(ge=0.0, le=100.0)] = 50.0
+    system: Annotated[str, AfterValidator(_system), _NAMES_OF_SYSTEMS] | None = None
+    """Arc, number and pivot like those of a clinical system: like-dimensions (15 degrees, 15
+    projections), like-senoclaire (25, 9) or like-inspiration (50, 25); keys beside it win."""
+
+    angle_range_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 50.0
     """Angle between the first and the last position of the tube, degrees, half on each side."""
 
     projections: Annotated[int, Field(ge=1, le=200)] = 25
-    """Number of projections, evenly spaced over the angle range."""
+    """Number of projections, evenly spaced over the angle range; 1 is the upright tube alone."""
 
     pivot_to_detector_mm: Annotated[float, Field(ge=0.0, le=300.0)] = 50.0
     """Height of the pivot above the detector plane, mm."""
+
+    shares: tuple[Annotated[float, Field(gt=0.0, le=1e6)], ...] | None = None
+    """Tube load of each projection relative to the others, in the order of their angles; left
+    out: all alike, as on the systems above."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _filled_by_its_system(cls, value: Any) -> Any:
+        """Put what a system is like below the keys that are given."""
+        if not isinstance(value, dict) or not isinstance(value.get("system"), str):
+            return value
+        system = SYSTEMS.get(value["system"])
+        return {**asdict(system), **value} if system else value
+
+    @model_validator(mode="after")
+    def _one_share_a_projection(self) -> Self:
+        if self.shares is not None and len(self.shares) != self.projections:
+            raise ValueError(
+                f"shares: found {len(self.shares)}, expected one for each of the "
+                f"{self.projections} projections"
+            )
+        return self
 
     @property
     def angles_deg(self) -> tuple[float, ...]:
@@ -77,3 +113,9 @@ class TomosynthesisSettings(Settings):
         if self.projections == 1:
             return (0.0,)
         return tuple(float(angle) for angle in np.linspace(-half, half, self.projections))
+
+    @property
+    def load_parts(self) -> tuple[float, ...]:
+        """Part of the tube load that each projection is given; they add up to 1."""
+        shares = self.shares or (1.0,) * self.projections
+        return tuple(share / sum(shares) for share in shares)

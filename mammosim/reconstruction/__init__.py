@@ -1,17 +1,27 @@
 """Slices of a compressed breast from the projections of a tomosynthesis series."""
 
+from mammosim.reconstruction.keys import ReconstructionKeys, SeriesKeys
 from mammosim.reconstruction.reconstruct import (
     Reconstruction,
+    check_reconstruction,
     reconstruct,
     reconstruction_gb,
 )
-from mammosim.reconstruction.settings import ReconstructionSettings
-from mammosim.reconstruction.volume import VolumeGrid, volume_grid
+from mammosim.reconstruction.rtk import load_rtk
+from mammosim.reconstruction.settings import ReconstructionSettings, SeriesSettings
+from mammosim.reconstruction.volume import Box, VolumeGrid, box_above, volume_grid
 
 __all__ = [
+    "Box",
     "Reconstruction",
+    "ReconstructionKeys",
     "ReconstructionSettings",
+    "SeriesKeys",
+    "SeriesSettings",
     "VolumeGrid",
+    "box_above",
+    "check_reconstruction",
+    "load_rtk",
     "reconstruct",
     "reconstruction_gb",
     "volume_grid",

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition import Tomosynthesis
+from mammosim.config import documents_keys, given_settings
+from mammosim.errors import InputError
 from mammosim.geometry import Gantry
+from mammosim.projection import installed_memory
+from mammosim.reconstruction.keys import ReconstructionKeys
 from mammosim.reconstruction.rtk import load_rtk, reconstruct_by_rtk
 from mammosim.reconstruction.settings import ReconstructionSettings
-from mammosim.reconstruction.volume import VolumeGrid, volume_grid
+from mammosim.reconstruction.volume import Box, VolumeGrid, box_above, volume_grid
 
 BYTES_PER_VOXEL = {"fdk": 8, "sart": 24}
 """Volumes in single precision that RTK holds at once: input and output of FDK; SART's volume, its
@@ -31,16 +36,22 @@ class Reconstruction:
         Attenuation coefficient, 1/mm; of `fdk`, relative to its neighbourhood only.
     grid : VolumeGrid
         Where the voxels are.
+    gantry : Gantry
+        Of the projection nearest to the upright tube; it places the volume in the breast.
     settings : ReconstructionSettings
     """
 
     slices: NDArray[np.float32]
     grid: VolumeGrid
+    gantry: Gantry
     settings: ReconstructionSettings
 
 
+@documents_keys(ReconstructionSettings, ReconstructionKeys)
 def reconstruct(
-    series: Tomosynthesis, settings: ReconstructionSettings | None = None
+    series: Tomosynthesis,
+    settings: ReconstructionSettings | None = None,
+    **keys: Unpack[ReconstructionKeys],
 ) -> Reconstruction:
     """Reconstruct slices parallel to the detector from a series of projections.
 
@@ -48,6 +59,9 @@ def reconstruct(
     ----------
     series : Tomosynthesis
     settings : ReconstructionSettings, optional
+        Method and voxels; or give its keys as keywords.
+    **keys
+        Keys of `ReconstructionSettings`: ``method``, ``slice_mm``, ``iterations``, ...
 
     Returns
     -------
@@ -56,7 +70,8 @@ def reconstruct(
     Raises
     ------
     InputError
-        If itk-rtk is not installed.
+        If a key is unknown or its value cannot be used, itk-rtk is not installed, or the volume
+        does not fit in memory.
 
     Notes
     -----
@@ -65,28 +80,77 @@ def reconstruct(
     along the tube's movement; an arc leaves out most spatial frequencies, so that its values are
     relative. `sart` is Andersen and Kak's (1984, Ultrason Imaging 6:81). Neither removes scatter or
     beam hardening. Slices start at the breast support; what lies between the plates' edge and the
-    detector's is reconstructed as air and tissue mixed.
+    detector's is reconstructed as air and tissue mixed. Only the part of the detector that the
+    breast's shadow meets is used, and only what lies straight above it is reconstructed.
     """
-    settings = settings or ReconstructionSettings()
-    load_rtk()
-    grid = volume_grid(
-        series.middle.gantry, series.middle.thickness_mm, settings.slice_mm, settings.pixel_mm
+    settings = given_settings(ReconstructionSettings, settings, keys, "reconstruct()")
+    gantry, thickness_mm = series.middle.gantry, series.middle.thickness_mm
+    middle = series.gantries.index(gantry)
+    box = box_above(gantry, Box(*map(int, series.shadows[middle])), thickness_mm)
+    grid = volume_grid(gantry, thickness_mm, settings.slice_mm, settings.pixel_mm, box)
+    used = _all_shadows(series)
+    check_reconstruction(len(series.gantries) * used.rows * used.columns, grid.voxels, settings)
+    volume = reconstruct_by_rtk(
+        _line_integrals(series, used), series.gantries, used, grid, settings
     )
-    volume = reconstruct_by_rtk(_line_integrals(series), series.gantries, grid, settings)
-    return Reconstruction(np.ascontiguousarray(volume.transpose(0, 2, 1)), grid, settings)
+    return Reconstruction(np.ascontiguousarray(volume.transpose(0, 2, 1)), grid, gantry, settings)
 
 
-def reconstruction_gb(gantry: Gantry, count: int, grid: VolumeGrid, method: str) -> float:
-    """Memory that a reconstruction takes at its peak, GB."""
-    pixels = count * gantry.rows * gantry.columns
-    needed = BYTES_PER_VOXEL[method] * grid.voxels + BYTES_PER_PROJECTED_PIXEL[method] * pixels
+def check_reconstruction(pixels: int, voxels: int, settings: ReconstructionSettings) -> None:
+    """Refuse a reconstruction that cannot be made on this machine.
+
+    Parameters
+    ----------
+    pixels : int
+        Of all projections together, as far as they are used.
+    voxels : int
+    settings : ReconstructionSettings
+
+    Raises
+    ------
+    InputError
+        If itk-rtk is not installed, or with the memory that is needed and the memory that is
+        there.
+    """
+    load_rtk()
+    needed, there = reconstruction_gb(pixels, voxels, settings.method), 1e-9 * installed_memory()
+    if needed > there:
+        raise InputError(
+            f"dbt.reconstruct: found slices of {settings.slice_mm:g} mm"
+            + (f" with pixels of {settings.pixel_mm:g} mm" if settings.pixel_mm else "")
+            + f", {voxels / 1e6:.0f} million voxels, which need {needed:.1f} GB; this machine has "
+            f"{there:.1f} GB: take larger slice_mm or pixel_mm"
+        )
+
+
+def reconstruction_gb(pixels: int, voxels: int, method: str) -> float:
+    """Memory that a reconstruction takes at its peak, GB.
+
+    Parameters
+    ----------
+    pixels : int
+        Of all projections together.
+    voxels : int
+    method : {"fdk", "sart"}
+    """
+    needed = BYTES_PER_VOXEL[method] * voxels + BYTES_PER_PROJECTED_PIXEL[method] * pixels
     return 1e-9 * needed
 
 
-def _line_integrals(series: Tomosynthesis) -> NDArray[np.float32]:
-    """[projection, column, row], as RTK takes them."""
-    count, rows, columns = series.projections.shape
-    stack = np.empty((count, columns, rows), np.float32)
-    for index in range(count):
-        stack[index] = series.attenuation(index).T
+def _all_shadows(series: Tomosynthesis) -> Box:
+    """The part of the detector that holds the breast's shadow in every projection."""
+    gantry = series.middle.gantry
+    cast = series.shadows[series.shadows[:, 1] > 0]
+    if cast.size == 0:
+        return Box(0, gantry.rows, 0, gantry.columns)
+    low, high = cast.min(axis=0), cast.max(axis=0)
+    return Box(int(low[0]), int(high[1]), int(low[2]), int(high[3]))
+
+
+def _line_integrals(series: Tomosynthesis, box: Box) -> NDArray[np.float32]:
+    """[projection, column, row] of a part of the detector, as RTK takes them."""
+    part = np.s_[box.first_row : box.end_row, box.first_column : box.end_column]
+    stack = np.empty((len(series.gantries), box.columns, box.rows), np.float32)
+    for index, picture in enumerate(stack):
+        picture[:] = series.attenuation(index)[part].T
     return stack

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mammosim.config import Settings
+from mammosim.projection import TomosynthesisSettings
 
 
 class ReconstructionSettings(Settings):
@@ -29,3 +30,19 @@ class ReconstructionSettings(Settings):
 
     hann: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
     """Cut-off of `fdk`'s Hann window, share of the Nyquist frequency; 0 leaves the bare ramp."""
+
+
+class SeriesSettings(TomosynthesisSettings):
+    """A view taken as a series of projections, and the slices that are reconstructed from it."""
+
+    reconstruct: ReconstructionSettings | None = None
+    """Reconstructs slices by itk-rtk; left out: none, since that library is an extra."""
+
+    @model_validator(mode="after")
+    def _several_angles(self) -> Self:
+        if self.reconstruct is not None and (self.projections < 2 or self.angle_range_deg == 0.0):
+            raise ValueError(
+                f"reconstruct: found {self.projections} projections over "
+                f"{self.angle_range_deg:g} degrees, expected at least 2 over more than 0 degrees"
+            )
+        return self

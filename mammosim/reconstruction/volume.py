@@ -4,11 +4,31 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mammosim.geometry import Gantry
+
+
+class Box(NamedTuple):
+    """Rows and columns of a picture, from the first up to the one before the end."""
+
+    first_row: int
+    end_row: int
+    first_column: int
+    end_column: int
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.end_row - self.first_row
+
+    @property
+    def columns(self) -> int:
+        """Number of columns."""
+        return self.end_column - self.first_column
 
 
 @dataclass(frozen=True)
@@ -69,7 +89,11 @@ class VolumeGrid:
 
 
 def volume_grid(
-    gantry: Gantry, thickness_mm: float, slice_mm: float, pixel_mm: float | None = None
+    gantry: Gantry,
+    thickness_mm: float,
+    slice_mm: float,
+    pixel_mm: float | None = None,
+    box: Box | None = None,
 ) -> VolumeGrid:
     """Slices that fill the space between support and paddle above a detector.
 
@@ -83,6 +107,8 @@ def volume_grid(
         Distance between slices, mm.
     pixel_mm : float, optional
         Pixel size within a slice, mm; default: that of the detector.
+    box : Box, optional
+        Pixels of the detector above which the volume lies; default: all.
 
     Returns
     -------
@@ -94,11 +120,14 @@ def volume_grid(
     the breast: the detector's own extent holds all that is projected onto it from above.
     """
     pixel = gantry.pixel_mm if pixel_mm is None else pixel_mm
-    rows = max(1, math.ceil(gantry.rows * gantry.pixel_mm / pixel - 1e-6))
-    columns = max(1, math.ceil(gantry.columns * gantry.pixel_mm / pixel - 1e-6))
+    box = box or Box(0, gantry.rows, 0, gantry.columns)
+    rows = max(1, math.ceil(box.rows * gantry.pixel_mm / pixel - 1e-6))
+    columns = max(1, math.ceil(box.columns * gantry.pixel_mm / pixel - 1e-6))
     slices = max(1, math.ceil(thickness_mm / slice_mm - 1e-6))
+    first_row, first_column = box.first_row, box.first_column
     corner, down, right = (
-        gantry.detector_xy_mm(row, column) for row, column in ((0, 0), (1, 0), (0, 1))
+        gantry.detector_xy_mm(first_row + row, first_column + column)
+        for row, column in ((0, 0), (1, 0), (0, 1))
     )
     row_step = (down - corner) / gantry.pixel_mm
     column_step = (right - corner) / gantry.pixel_mm
@@ -111,4 +140,36 @@ def volume_grid(
         (float(first[0]), float(first[1]), 0.5 * slice_mm),
         (float(row_step[0]), float(row_step[1]), 0.0),
         (float(column_step[0]), float(column_step[1]), 0.0),
+    )
+
+
+def box_above(gantry: Gantry, shadow: Box, thickness_mm: float) -> Box:
+    """Pixels of the detector straight below what throws a shadow.
+
+    Parameters
+    ----------
+    gantry : Gantry
+        Of the projection that the shadow belongs to.
+    shadow : Box
+    thickness_mm : float
+        What throws the shadow lies between the breast support and this height above it, mm.
+
+    Returns
+    -------
+    Box
+        Within the detector; all of it where the shadow is empty.
+    """
+    if shadow.rows <= 0 or shadow.columns <= 0:
+        return Box(0, gantry.rows, 0, gantry.columns)
+    rows = np.array([shadow.first_row, shadow.end_row]) - 0.5
+    columns = np.array([shadow.first_column, shadow.end_column]) - 0.5
+    edges = gantry.detector_xy_mm(rows[:, None], columns).reshape(-1, 2)
+    spot, height = gantry.focal_spot_mm[:2], gantry.focal_spot_height_mm
+    heights = np.array([0.0, thickness_mm]) + gantry.support_to_detector_mm
+    above = (edges + share * (spot - edges) for share in heights / height)
+    place = np.concatenate([gantry.pixel_of(x_mm, y_mm) for x_mm, y_mm in (p.T for p in above)])
+    low, high = np.floor(place.min(axis=0) + 0.5), np.ceil(place.max(axis=0) + 0.5)
+    low, high = np.maximum(low, 0).astype(int), high.astype(int)
+    return Box(
+        int(low[0]), min(int(high[0]), gantry.rows), int(low[1]), min(int(high[1]), gantry.columns)
     )

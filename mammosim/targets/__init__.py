@@ -5,6 +5,7 @@ from mammosim.targets.answers import ShiftAnswers
 from mammosim.targets.biopsy import BiopsyResult, aim_needles
 from mammosim.targets.doubts import target_doubts
 from mammosim.targets.find import find_targets
+from mammosim.targets.in_volume import in_volume
 from mammosim.targets.keys import TargetsKeys
 from mammosim.targets.lesion_voxels import touching_lesions
 from mammosim.targets.locate import (
@@ -46,6 +47,7 @@ __all__ = [
     "curve_of",
     "draw_samples",
     "find_targets",
+    "in_volume",
     "point_at_height",
     "point_from_sights",
     "rule_errors",

@@ -21,7 +21,8 @@ class Target:
     frame, `gantry_x_mm ...` the uncompressed one in the gantry frame. What stands from there on may
     be unknown (NaN), as the contrast of a landmark; `ellipsoid_..._mm` are semi-axes and need
     `targets.uncertainty`; `extent_mm` is the largest distance across the uncompressed lesion.
-    `laterality` is the breast, L or R.
+    `laterality` is the breast, L or R; `volume_slice ...` is the place in a
+    reconstructed volume, whole numbers at voxel centres.
     """
 
     target_id: int
@@ -65,6 +66,9 @@ class Target:
     ellipsoid_short_mm: float = math.nan
     extent_mm: float = math.nan
     laterality: str = ""
+    volume_slice: float = math.nan
+    volume_row_px: float = math.nan
+    volume_col_px: float = math.nan
 
     @property
     def place_mm(self) -> NDArray[np.float64]:

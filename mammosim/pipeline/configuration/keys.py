@@ -10,12 +10,8 @@ from mammosim.compression import CompressionKeys, CompressionSettings
 from mammosim.export import ExportKeys, ExportSettings, PatientKeys, PatientSettings
 from mammosim.phantom import PhantomKeys, PhantomSettings
 from mammosim.pipeline.configuration.view_settings import ViewSettings
-from mammosim.projection import (
-    ProjectionKeys,
-    ProjectionSettings,
-    TomosynthesisKeys,
-    TomosynthesisSettings,
-)
+from mammosim.projection import ProjectionKeys, ProjectionSettings
+from mammosim.reconstruction import SeriesKeys, SeriesSettings
 from mammosim.report import ReportKeys, ReportSettings
 from mammosim.targets import TargetsKeys, TargetsSettings
 
@@ -33,8 +29,9 @@ class ViewKeys(CompressionKeys, ProjectionKeys, AcquisitionKeys, total=False):
     laterality: Literal["L", "R"] | None
     """Breast of which the view is made; left out, each that is imaged."""
 
-    dbt: TomosynthesisSettings | TomosynthesisKeys | None
-    """Takes the view as a series of projections for tomosynthesis: how the tube moves."""
+    dbt: SeriesSettings | SeriesKeys | None
+    """Takes the view as a series of projections for tomosynthesis: how the tube moves, and what is
+    reconstructed."""
 
     compression: Mapping[str, Any]
     """Keys of `compression` for this view alone; they may also stand beside `view`."""

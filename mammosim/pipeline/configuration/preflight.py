@@ -9,6 +9,7 @@ import numpy as np
 from mammosim.acquisition import check_acquisition
 from mammosim.compression import (
     MODELS,
+    CompressedBreast,
     CompressionSettings,
     check_plates,
     compress,
@@ -21,10 +22,13 @@ from mammosim.phantom import BreastPhantom, PhantomSettings, box_text, check_sha
 from mammosim.pipeline.configuration.resolved_view import ResolvedView
 from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.projection import (
+    cast_shadow,
+    check_arc,
     check_field,
     check_memory,
     check_shadow,
 )
+from mammosim.reconstruction import check_reconstruction, load_rtk
 
 UNSURE = 1.05
 """Error of a shadow from a coarse lattice: what exceeds the detector by less is left to the run."""
@@ -84,11 +88,24 @@ def check_settings(config: RunConfig) -> None:
                 "projections (dbt)"
             )
         try:
+            _check_series(view)
+        except InputError as error:
+            problems += error.problems
+        try:
             check_acquisition(view.acquisition)
         except InputError as error:
             problems += error.problems
     if problems:
         raise InputError(dict.fromkeys(problems))
+
+
+def _check_series(view: ResolvedView) -> None:
+    """Refuse an arc that cannot be, and a reconstruction without its library."""
+    if view.tomosynthesis is None:
+        return
+    check_arc(view.tomosynthesis, view.projection)
+    if view.tomosynthesis.reconstruct is not None:
+        load_rtk()
 
 
 def check_detectors(config: RunConfig, breast: BreastPhantom) -> None:
@@ -177,11 +194,27 @@ def _shadow_problems(breast: BreastPhantom, view: ResolvedView) -> list[str]:
     except (InputError, NotConverged):
         return []  # the run itself says it better
     try:
-        check_shadow(compressed, projection, 1.0 if own else UNSURE)
+        check_shadow(compressed, projection, 1.0 if own else UNSURE, view.tomosynthesis)
+        _check_volume(compressed, view)
     except InputError as error:
         said = " ".join(error.problems)
         return [f"{view.label}: {said}, by an estimate on a coarse lattice"]
     return []
+
+
+def _check_volume(compressed: CompressedBreast, view: ResolvedView) -> None:
+    """Refuse a reconstruction that is larger than memory."""
+    series, projection = view.tomosynthesis, view.projection
+    if series is None or series.reconstruct is None:
+        return
+    settings, shadow = series.reconstruct, cast_shadow(compressed, projection, series)
+    area = shadow.height_mm * shadow.width_mm
+    voxel_mm3 = (settings.pixel_mm or projection.pixel_mm) ** 2 * settings.slice_mm
+    check_reconstruction(
+        round(series.projections * area / projection.pixel_mm**2),
+        round(area * compressed.thickness_mm / voxel_mm3),
+        settings,
+    )
 
 
 def _outlined_phantom(config: RunConfig) -> tuple[BreastPhantom, float]:

@@ -8,7 +8,8 @@ from typing import Literal
 from mammosim.acquisition import AcquisitionSettings
 from mammosim.compression import CompressionSettings
 from mammosim.geometry import View
-from mammosim.projection import ProjectionSettings, TomosynthesisSettings
+from mammosim.projection import ProjectionSettings
+from mammosim.reconstruction import SeriesSettings
 
 ViewName = Literal["CC", "MLO", "ML"]
 
@@ -41,8 +42,9 @@ class ResolvedView:
     compression : CompressionSettings
     projection : ProjectionSettings
     acquisition : AcquisitionSettings
-    tomosynthesis : TomosynthesisSettings, optional
-        How the tube moves, where the view is taken as a series of projections.
+    tomosynthesis : SeriesSettings, optional
+        How the tube moves, and what is reconstructed, where the view is taken as a series of
+        projections.
     biopsy : BiopsyPosition, optional
         Where `targets.biopsy` is asked for.
     dose_map : bool
@@ -55,7 +57,7 @@ class ResolvedView:
     compression: CompressionSettings
     projection: ProjectionSettings
     acquisition: AcquisitionSettings
-    tomosynthesis: TomosynthesisSettings | None = None
+    tomosynthesis: SeriesSettings | None = None
     biopsy: BiopsyPosition | None = None
     dose_map: bool = False
     title: str = ""

@@ -13,7 +13,8 @@ from mammosim.compression import CompressionSettings
 from mammosim.config import Settings
 from mammosim.geometry import VIEW_NAMES, View
 from mammosim.phantom import Side
-from mammosim.projection import ProjectionSettings, TomosynthesisSettings
+from mammosim.projection import ProjectionSettings
+from mammosim.reconstruction import SeriesSettings
 
 VIEW_SECTIONS: dict[str, type[Settings]] = {
     "compression": CompressionSettings,
@@ -40,8 +41,9 @@ class ViewSettings(Settings):
     laterality: Side | None = None
     """Breast of which the view is made; left out, each that is imaged."""
 
-    dbt: TomosynthesisSettings | None = None
-    """Takes the view as a series of projections for tomosynthesis: how the tube moves."""
+    dbt: SeriesSettings | None = None
+    """Takes the view as a series of projections for tomosynthesis: how the tube moves, and what is
+    reconstructed."""
 
     compression: dict[str, Any] = Field(default_factory=dict)
     """Keys of `compression` for this view alone; they may also stand beside `view`."""

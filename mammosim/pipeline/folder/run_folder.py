@@ -13,6 +13,7 @@ from mammosim.errors import InputError
 from mammosim.export import (
     PatientSettings,
     StudyIdentity,
+    reconstruction_geometry,
     series_geometry,
     whole_file,
     write_compressed,
@@ -20,6 +21,7 @@ from mammosim.export import (
     write_json,
     write_lesions,
     write_phantom,
+    write_reconstruction,
     write_series,
     write_table,
     write_text,
@@ -137,6 +139,8 @@ class RunFolder:
         folder, export = self.path / result.squeezed.view.folder, self._config.export
         if result.series is not None:
             write_series(folder, result.series, result.paths, result.lesion_images, export)
+            if result.reconstruction is not None:
+                write_reconstruction(folder, result.reconstruction, export)
         else:
             write_images(
                 folder, result.paths, result.mammogram, result.targets, export, self._identity
@@ -214,10 +218,19 @@ class RunFolder:
         record["stages_reused"] = self.stages.reused
         views = study.views if study else {}
         record["views"] = {name: _view_record(view) for name, view in views.items()}
-        series = {name: series_geometry(view.series) for name, view in views.items() if view.series}
+        series = {name: _series_record(view) for name, view in views.items() if view.series}
         if series:
             record["tomosynthesis"] = series
         return record
+
+
+def _series_record(result: ViewResult) -> dict[str, Any]:
+    """Geometry of a series of projections, and of the slices reconstructed from it."""
+    assert result.series is not None
+    record = series_geometry(result.series)
+    if result.reconstruction is not None:
+        record["reconstruction"] = reconstruction_geometry(result.reconstruction)
+    return record
 
 
 def _view_record(result: ViewResult) -> dict[str, Any]:

@@ -33,6 +33,7 @@ STAGE_NAMES = {
     "find_targets": "targets",
     "project_arc": "projections",
     "expose_arc": "projections",
+    "reconstruct": "reconstruction",
     "exam_answers": "lesion shift",
 }
 """What the record and the progress call each stage, by its function."""

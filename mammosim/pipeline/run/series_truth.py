@@ -10,7 +10,8 @@ from mammosim.compression import CompressedBreast
 from mammosim.export import label_image, lesion_masks
 from mammosim.pipeline.study import ViewResult
 from mammosim.projection import PathLengths
-from mammosim.targets import Target, find_targets
+from mammosim.reconstruction import Reconstruction
+from mammosim.targets import Target, find_targets, in_volume
 
 
 class SeriesTruth:
@@ -40,9 +41,12 @@ class SeriesTruth:
             masks = lesion_masks(paths, self._targets)
             self._images[index] = label_image(masks, (paths.gantry.rows, paths.gantry.columns))
 
-    def result(self, series: Tomosynthesis) -> ViewResult:
-        """The view, once all projections have been exposed."""
+    def result(self, series: Tomosynthesis, slices: Reconstruction | None) -> ViewResult:
+        """The view, once all projections have been exposed and slices have been reconstructed."""
         images = tuple(self._images[index] for index in sorted(self._images))
+        targets = self._targets
+        if slices is not None:
+            targets = tuple(in_volume(target, slices.grid) for target in targets)
         return ViewResult(
-            self._squeezed, self._middle, series.middle, self._targets, series, images
+            self._squeezed, self._middle, series.middle, targets, series, images, slices
         )

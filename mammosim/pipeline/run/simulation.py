@@ -26,6 +26,7 @@ from mammosim.pipeline.run.series_truth import SeriesTruth
 from mammosim.pipeline.run.shift_analysis import exam_answers, with_ellipsoids
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 from mammosim.projection import project, project_arc
+from mammosim.reconstruction import reconstruct
 from mammosim.targets import find_targets
 
 
@@ -153,7 +154,10 @@ def simulate_series(
     observe: Observe = unobserved,
     first_id: int = 1,
 ) -> ViewResult:
-    """Make the projections of one view for tomosynthesis; parameters as in `simulate_view`."""
+    """Make the projections of one view for tomosynthesis, and slices where they are asked for.
+
+    The parameters are those of `simulate_view`.
+    """
     position = view.position(breast.laterality)
     compressed = observe(compress)(breast, position, view.compression, seed=seed)
     arc = observe(project_arc)(compressed, view.tomosynthesis, view.projection)
@@ -161,7 +165,9 @@ def simulate_series(
     series = observe(expose_arc)(
         arc, view.acquisition, seed=noise_seed(seed, position.folder), watch=truth.gather
     )
-    return truth.result(series)
+    settings = view.tomosynthesis.reconstruct if view.tomosynthesis else None
+    slices = observe(reconstruct)(series, settings) if settings else None
+    return truth.result(series, slices)
 
 
 def noise_seed(seed: int, folder: str) -> int:
