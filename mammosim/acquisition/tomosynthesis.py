@@ -90,6 +90,11 @@ class Tomosynthesis:
         return signal
 
     @property
+    def mean_dose_factor(self) -> float:
+        """Mean of t(angle), each weighted by its load."""
+        return float(np.average(self.dose_factors, weights=self.loads_mas))
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Warnings, one sentence each."""
         return self.middle.notes

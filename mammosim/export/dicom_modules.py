@@ -33,6 +33,7 @@ SOP_CLASS = {
 _FIRST_SERIES = {
     "presentation": 1, "iodine": 61, "processing": 101, "high energy": 161, "state": 201,
     "segmentation": 301, "measurements": 401,
+    "slices": 11, "projections": 501, "raw projections": 511, "slice segmentation": 521,
 }  # fmt: skip
 
 # Order in which a reader looks at a study: right before left, CC before MLO.
@@ -206,7 +207,7 @@ def detector(mammogram: Mammogram) -> dict[str, Any]:
     gantry = mammogram.gantry
     pitch = decimal_string(gantry.pixel_mm)
     return {
-        "DetectorType": _DETECTOR_TYPE.get(_converter(mammogram), ""),
+        "DetectorType": detector_type(mammogram),
         "DetectorDescription": "Simulated flat-panel detector",
         "DetectorID": "simulated",
         "DetectorActiveShape": "RECTANGLE",
@@ -223,9 +224,10 @@ def detector(mammogram: Mammogram) -> dict[str, Any]:
     }
 
 
-def _converter(mammogram: Mammogram) -> str:
+def detector_type(mammogram: Mammogram) -> str:
+    """Detector Type by what converts the photons; empty where that is not known."""
     found = DETECTORS.get(mammogram.detector)
-    return (found.material or "") if found else ""
+    return _DETECTOR_TYPE.get((found.material or "") if found else "", "")
 
 
 def breast_pixel_mm(gantry: Gantry) -> float:
@@ -273,8 +275,8 @@ def technique(mammogram: Mammogram) -> dict[str, Any]:
         "ExposureControlMode": "AUTOMATIC" if mammogram.automatic_exposure else "MANUAL",
         "RelativeXRayExposure": _integer_string(measures.get("exposure_index", math.nan)),
         "FocalSpots": decimal_string(spot_mm),
-        "AnodeTargetMaterial": _material_term(mammogram.target),
-        "FilterMaterial": _material_term(mammogram.filter),
+        "AnodeTargetMaterial": material_term(mammogram.target),
+        "FilterMaterial": material_term(mammogram.filter),
         "FilterThicknessMinimum": filter_mm,
         "FilterThicknessMaximum": filter_mm,
         # The simulated grid leaves no lines in the image, as a moving one.
@@ -293,7 +295,8 @@ def _integer_string(value: float) -> str | None:
     return str(round(value)) if math.isfinite(value) else None
 
 
-def _material_term(symbol: str) -> str:
+def material_term(symbol: str) -> str:
+    """Name of an anode's or a filter's material, as DICOM has it."""
     return _MATERIAL_TERM.get(symbol, symbol.upper()[:16])
 
 

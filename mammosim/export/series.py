@@ -11,18 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition import Tomosynthesis
+from mammosim.export.dicom_modules import Intent
 from mammosim.export.gantry_file import write_geometry
+from mammosim.export.identity import StudyIdentity
 from mammosim.export.path_lengths import write_path_lengths
 from mammosim.export.pictures import (
     write_glandular_tiff,
     write_preview,
     write_stack_tiff,
 )
+from mammosim.export.projection_objects import write_projections
 from mammosim.export.settings import ExportSettings
+from mammosim.export.slice_objects import write_slice_object
 from mammosim.export.volumes import write_slices
 from mammosim.projection import PathLengths
 from mammosim.reconstruction import Reconstruction
 
+INTENTS: tuple[Intent, Intent] = ("processing", "presentation")
 PROJECTIONS = "projections.tif"
 SLICES = "reconstruction.nii.gz"
 
@@ -33,6 +38,7 @@ def write_series(
     middle: PathLengths,
     lesion_images: Sequence[NDArray[np.unsignedinteger]],
     settings: ExportSettings,
+    study: StudyIdentity,
 ) -> None:
     """Write the pictures of a view taken as a series of projections.
 
@@ -46,6 +52,7 @@ def write_series(
     lesion_images : sequence of ndarray of uint8 or uint16, [row, column]
         Label image of each projection (see `label_image`); empty for none.
     settings : ExportSettings
+    study : StudyIdentity
 
     Raises
     ------
@@ -55,6 +62,11 @@ def write_series(
     folder = Path(folder)
     pixel_mm = series.middle.gantry.pixel_mm
     write_geometry(series.middle.gantry, folder / "geometry.json")
+    if settings.dicom:
+        for intent in INTENTS:
+            write_projections(
+                series, intent, folder / f"projections_for_{intent}.dcm", study, settings
+            )
     if settings.tiff:
         write_stack_tiff(series.projections, pixel_mm, folder / PROJECTIONS)
         if lesion_images:
@@ -68,7 +80,11 @@ def write_series(
 
 
 def write_reconstruction(
-    folder: str | PathLike[str], volume: Reconstruction, settings: ExportSettings
+    folder: str | PathLike[str],
+    series: Tomosynthesis,
+    volume: Reconstruction,
+    settings: ExportSettings,
+    study: StudyIdentity,
 ) -> None:
     """Write the slices of a view taken as a series of projections.
 
@@ -76,16 +92,21 @@ def write_reconstruction(
     ----------
     folder : path
         The view's folder, as ``run/LCC_DBT``.
+    series : Tomosynthesis
     volume : Reconstruction
     settings : ExportSettings
+    study : StudyIdentity
 
     Raises
     ------
     InputError
         If a file cannot be written.
     """
+    folder = Path(folder)
     if settings.volumes:
-        write_slices(volume, Path(folder) / SLICES)
+        write_slices(volume, folder / SLICES)
+    if settings.dicom:
+        write_slice_object(series, volume, folder / "reconstruction.dcm", study, settings)
 
 
 def series_geometry(series: Tomosynthesis) -> dict[str, Any]:

@@ -131,11 +131,11 @@ def check_arc(arc: TomosynthesisSettings, settings: ProjectionSettings) -> None:
     InputError
         With the height of the focal spot at the end of the arc.
     """
-    if arc.pivot_to_detector_mm >= settings.source_to_detector_mm:
+    if arc.pivot_to_detector_mm > settings.source_to_detector_mm:
         raise InputError(
-            f"dbt.pivot_to_detector_mm: found {arc.pivot_to_detector_mm:g}, expected less than "
+            f"dbt.pivot_to_detector_mm: found {arc.pivot_to_detector_mm:g}, expected at most "
             f"projection.source_to_detector_mm, {settings.source_to_detector_mm:g}: the pivot "
-            "must be below the focal spot"
+            "cannot be above the focal spot"
         )
     arm = settings.source_to_detector_mm - arc.pivot_to_detector_mm
     end = max(abs(angle) for angle in arc.angles_deg)

@@ -138,9 +138,13 @@ class RunFolder:
             return
         folder, export = self.path / result.squeezed.view.folder, self._config.export
         if result.series is not None:
-            write_series(folder, result.series, result.paths, result.lesion_images, export)
+            write_series(
+                folder, result.series, result.paths, result.lesion_images, export, self._identity
+            )
             if result.reconstruction is not None:
-                write_reconstruction(folder, result.reconstruction, export)
+                write_reconstruction(
+                    folder, result.series, result.reconstruction, export, self._identity
+                )
         else:
             write_images(
                 folder, result.paths, result.mammogram, result.targets, export, self._identity
