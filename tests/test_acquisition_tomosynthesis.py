@@ -49,6 +49,38 @@ def test_load_and_dose_are_split_evenly(series):
     assert series.middle.measures["dose_of_all_projections_mgy"] == series.dose_mgy
 
 
+def test_shares_split_load_and_dose(series):
+    shares = [1.0, 2.0, 4.0, 2.0, 1.0]
+    uneven = expose_arc(sweep(shares=shares), seed=3, noise=False, **KEYS)
+    np.testing.assert_allclose(uneven.loads_mas, 90.0 * np.array(shares) / 10.0)
+    assert uneven.middle.mas == pytest.approx(36.0)
+    assert uneven.air_kerma_mgy == pytest.approx(series.air_kerma_mgy, rel=1e-9)
+    # t(angle) is the same; more of the load at small angles gives more dose.
+    np.testing.assert_allclose(uneven.dose_factors, series.dose_factors, rtol=1e-9)
+    ratio = uneven.mean_dose_factor / series.mean_dose_factor
+    assert uneven.dose_mgy / series.dose_mgy == pytest.approx(ratio, rel=1e-9)
+    # The attenuation that a reconstruction starts from knows each projection's own load.
+    even = expose_arc(sweep(), seed=3, noise=False, **KEYS)
+    for index in (0, 2):
+        np.testing.assert_allclose(
+            uneven.attenuation(index), even.attenuation(index), atol=0.02
+        )  # of whole pixel values
+
+
+def test_each_projection_knows_where_the_shadow_is(series):
+    for gantry, picture, box in zip(
+        series.gantries, series.projections, series.shadows, strict=True
+    ):
+        row, end_row, column, end_column = box
+        assert picture[row:end_row, column:end_column].min() < 0.2 * picture.max()
+        corners = [[1.0, -34.0, 0.0], [39.0, 34.0, 40.0]]
+        place = gantry.project(
+            np.array(corners) - [gantry.detector_edge_mm, 0, gantry.support_z_mm]
+        )
+        assert np.all(place[:, 0] >= row - 1)
+        assert np.all(place[:, 0] <= end_row)
+
+
 def test_exposure_control_gives_the_load_and_dose_of_a_mammogram():
     arc = sweep(3)
     kernels = {"model": "kernels"}  # Monte Carlo's load differs by its noise

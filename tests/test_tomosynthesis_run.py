@@ -46,6 +46,7 @@ def test_files_of_a_series(finished):
         "projections.tif", "lesion_mask.tif", "preview.png", "compressed.nii.gz",
         "displacement.nii.gz", "lattice.nii.gz", "convergence.csv", "compression.json",
         "geometry.json", "labels.json", "labels.ctbl",
+        "projections_for_processing.dcm", "projections_for_presentation.dcm",
     }  # fmt: skip
     assert (finished / "LCC" / "for_presentation.dcm").exists()
 
@@ -153,6 +154,23 @@ def test_a_view_may_be_taken_both_ways_and_with_a_grid():
         ({"dbt": {"view": "CC", "projections": 2.5}}, r"projections: found 2\.5"),
         ({"dbt": {"view": "CC", "angle_range_deg": 200}}, r"angle_range_deg: found 200"),
         ({"dbt": 25}, r"views\.0\.dbt: found 25"),
+        (
+            {"dbt": {"view": "CC", "system": "like-none"}},
+            r"dbt\.system: found 'like-none', expected one of like-dimensions, ",
+        ),
+        (
+            {"dbt": {"view": "CC", "projections": 3, "shares": [1, 2]}},
+            r"shares: found 2, expected one for each of the 3 projections",
+        ),
+        (
+            {"dbt": {"view": "CC", "angle_range_deg": 0, "reconstruct": {}}},
+            r"reconstruct: found 25 projections over 0 degrees, expected at least 2 over more",
+        ),
+        (
+            {"dbt": {"view": "CC", "projections": 1, "reconstruct": {}}},
+            r"reconstruct: found 1 projections over 50 degrees",
+        ),
+        ({"dbt": {"view": "CC", "reconstruct": {"method": "mlem"}}}, r"method: found 'mlem'"),
     ],
 )
 def test_faulty_series_are_refused(view, message):
@@ -166,7 +184,29 @@ def test_a_series_twice_is_refused():
         config({"dbt": "CC"}, {"dbt": "CC", "thickness_mm": 50})
 
 
+def test_a_system_fills_what_is_left_out():
+    (view,) = config({"dbt": {"view": "CC", "system": "like-senoclaire", "projections": 5}}).views
+    assert (view.dbt.angle_range_deg, view.dbt.projections) == (25.0, 5)
+    (saved,) = config({"dbt": view.dbt.model_dump()}).views
+    assert saved.dbt == view.dbt
+
+
 BEFOREHAND = [
+    (
+        {"views": [{"dbt": {"view": "CC", "angle_range_deg": 180, "pivot_to_detector_mm": 10}}]},
+        r"angle_range_deg: found 180, which turns the focal spot down to 10 mm above the detector",
+    ),
+    (
+        {"views": [{"dbt": {"view": "CC", "angle_range_deg": 170, "pivot_to_detector_mm": 0}}]},
+        r"expected more than \d+\.\d: the focal spot must be above the breast",
+    ),
+    (
+        {
+            "views": [{"dbt": {"view": "CC", "pivot_to_detector_mm": 250}}],
+            "projection": {"source_to_detector_mm": 200},
+        },
+        r"pivot_to_detector_mm: found 250, expected at most projection.source_to_detector_mm, 200",
+    ),
     ({"projection": {"pixel_mm": 1e-5}}, r"pixel_mm: found 1e-05, which needs \d+\.\d GB"),
     (
         {"projection": {"detector_mm": [40, 20]}},

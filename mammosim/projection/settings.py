@@ -92,9 +92,13 @@ class TomosynthesisSettings(Settings):
     @classmethod
     def _filled_by_its_system(cls, value: Any) -> Any:
         """Put what a system is like below the keys that are given."""
-        if not isinstance(value, dict) or not isinstance(value.get("system"), str):
+        if not isinstance(value, dict):
             return value
-        system = SYSTEMS.get(value["system"])
+        if isinstance(value.get("shares"), list):
+            # What a validator has seen is no JSON any more, and its lists no tuples.
+            value = {**value, "shares": tuple(value["shares"])}
+        name = value.get("system")
+        system = SYSTEMS.get(name) if isinstance(name, str) else None
         return {**asdict(system), **value} if system else value
 
     @model_validator(mode="after")
