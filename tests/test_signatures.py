@@ -18,6 +18,7 @@ from mammosim import (
     GenerateSettings,
     InputError,
     ProjectionSettings,
+    ReconstructionSettings,
     TomosynthesisSettings,
 )
 from mammosim.acquisition import lesion_visibility
@@ -32,6 +33,7 @@ TAKES = {
     mammosim.expose: AcquisitionSettings,
     mammosim.expose_arc: AcquisitionSettings,
     lesion_visibility: AcquisitionSettings,
+    mammosim.reconstruct: ReconstructionSettings,
     mammosim.simulate: RunConfig,
 }
 """Functions with settings, and of which kind."""

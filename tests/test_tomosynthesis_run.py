@@ -197,10 +197,6 @@ BEFOREHAND = [
         r"angle_range_deg: found 180, which turns the focal spot down to 10 mm above the detector",
     ),
     (
-        {"views": [{"dbt": {"view": "CC", "angle_range_deg": 170, "pivot_to_detector_mm": 0}}]},
-        r"expected more than \d+\.\d: the focal spot must be above the breast",
-    ),
-    (
         {
             "views": [{"dbt": {"view": "CC", "pivot_to_detector_mm": 250}}],
             "projection": {"source_to_detector_mm": 200},
@@ -239,6 +235,16 @@ def test_refused_before_anything_is_computed(
 
     assert re.search(message, result.output), result.output
     assert "Traceback" not in result.output
+
+
+def test_an_arc_into_the_breast_is_refused_by_check(folder):
+    """Above the support, but not above the breast on it."""
+    dbt = {"view": "CC", "angle_range_deg": 176, "pivot_to_detector_mm": 0, "projections": 3}
+    result = invoke("check", write(folder, "low.yaml", views=[{"dbt": dbt}]))
+    assert result.exit_code == 2, result.output
+    assert (
+        "CC_DBT: projection.source_to_detector_mm: found 650, expected more than" in result.output
+    )
 
 
 def test_a_generated_breast_is_too_large_for_a_small_detector(folder):

@@ -17,7 +17,9 @@ WHITE = 16383
 """Largest pixel value, of 14 bits."""
 
 
-def judged(image: Mammogram, arrival: Arrival, wanted_mas: float, exposures: int = 1) -> Mammogram:
+def judged(
+    image: Mammogram, arrival: Arrival, wanted_mas: float, exposures: float = 1.0
+) -> Mammogram:
     """A mammogram with its doubts among its notes.
 
     Parameters
@@ -27,8 +29,8 @@ def judged(image: Mammogram, arrival: Arrival, wanted_mas: float, exposures: int
         That it was recorded from.
     wanted_mas : float
         Tube load that was set or that exposure control asked for, all exposures together, mAs.
-    exposures : int
-        How many of its kind share the load and the dose that are judged.
+    exposures : float
+        The load of all exposures that are judged together over its own.
 
     Returns
     -------

@@ -182,7 +182,7 @@ def expose_arc(
     dose_mgy = shown.dose_mgy * float(parts @ factors / (parts[middle] * factors[middle]))
     whole = {"projections": float(count), "dose_of_all_projections_mgy": dose_mgy}
     shown = replace(shown, measures={**shown.measures, **whole})
-    shown = judged(shown, arrival, wanted_mas, count)
+    shown = judged(shown, arrival, wanted_mas, 1.0 / float(parts[middle]))
     stack[middle] = shown.for_processing
     del arrival, signal, paths
     for index in (*range(middle), *range(middle + 1, count)):
