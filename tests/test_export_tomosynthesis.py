@@ -1,0 +1,106 @@
+"""DICOM objects of tomosynthesis: frames, geometry of each, and where slices lie in the patient."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pydicom
+import pytest
+import SimpleITK as sitk
+from make_run import FEW_PHOTONS
+from naive.projection import phantom, unsqueezed
+
+from mammosim.acquisition import expose_arc
+from mammosim.export import ExportSettings, StudyIdentity, write_reconstruction, write_series
+from mammosim.projection import project_arc
+from mammosim.reconstruction import Reconstruction, ReconstructionSettings, volume_grid
+
+ANGLES = 20.0
+
+
+@pytest.fixture(scope="module")
+def view(tmp_path_factory):
+    """A slab of fat from three angles, and slices whose values count up."""
+    labels = np.full((8, 14, 5), 1, np.uint8)
+    breast = unsqueezed(phantom(labels, [5.0, 5.0, 8.0], [2.5, -32.5, 4.0]), plates_mm=(0.0, 40.0))
+    arc = project_arc(
+        breast, {"projections": 3, "angle_range_deg": ANGLES, "shares": [1, 2, 1]},
+        pixel_mm=2.0, detector_mm=[150.0, 60.0],
+    )  # fmt: skip
+    series = expose_arc(arc, mas=60.0, **FEW_PHOTONS)
+    grid = volume_grid(series.middle.gantry, 40.0, 10.0)
+    slices = np.linspace(0.01, 0.09, grid.voxels, dtype=np.float32).reshape(grid.shape)
+    volume = Reconstruction(slices, grid, series.middle.gantry, ReconstructionSettings())
+    folder, study = tmp_path_factory.mktemp("dbt"), StudyIdentity("a1")
+    write_series(folder, series, arc.paths(1), (), ExportSettings(), study)
+    write_reconstruction(folder, series, volume, ExportSettings(), study)
+    return folder, series, volume
+
+
+def test_each_projection_is_a_frame_with_its_own_angle_and_load(view):
+    folder, series, _ = view
+    raw = pydicom.dcmread(folder / "projections_for_processing.dcm")
+    np.testing.assert_array_equal(raw.pixel_array, series.projections)
+    frames = raw.PerFrameFunctionalGroupsSequence
+    angles = [float(f.PositionerPositionSequence[0].PositionerPrimaryAngle) for f in frames]
+    assert angles == [10.0, 0.0, -10.0]  # the tube goes from the patient's right to her left
+    loads = [f.XRayAcquisitionDoseSequence[0].ExposureInmAs for f in frames]
+    assert loads == pytest.approx([15.0, 30.0, 15.0])
+    dose = sum(float(f.XRayAcquisitionDoseSequence[0].OrganDose) for f in frames)
+    assert dose == pytest.approx(series.dose_mgy / 100.0, rel=1e-4)  # dGy, six digits
+
+
+def test_projections_for_reading_show_attenuation_with_one_scale(view):
+    folder, series, _ = view
+    shown = pydicom.dcmread(folder / "projections_for_presentation.dcm")
+    pixels = shown.pixel_array.astype(float)
+    slope = [
+        np.polyfit(np.maximum(series.attenuation(k), 0.0).ravel(), pixels[k].ravel(), 1)[0]
+        for k in range(3)
+    ]
+    assert slope == pytest.approx([slope[0]] * 3, rel=1e-3)
+    source = shown.SharedFunctionalGroupsSequence[0].DerivationImageSequence[0]
+    raw = pydicom.dcmread(folder / "projections_for_processing.dcm")
+    assert source.SourceImageSequence[0].ReferencedSOPInstanceUID == raw.SOPInstanceUID
+
+
+def test_slices_lie_in_the_patient_as_the_nifti_volume_does(view):
+    folder, _, volume = view
+    stored = pydicom.dcmread(folder / "reconstruction.dcm")
+    image = sitk.ReadImage(str(folder / "reconstruction.nii.gz"))
+    np.testing.assert_array_equal(sitk.GetArrayFromImage(image), volume.slices)
+    shared = stored.SharedFunctionalGroupsSequence[0]
+    along = np.array(shared.PlaneOrientationSequence[0].ImageOrientationPatient, float)
+    spacing = np.array(shared.PixelMeasuresSequence[0].PixelSpacing, float)
+    for frame in (0, 3):
+        groups = stored.PerFrameFunctionalGroupsSequence[frame]
+        corner = np.array(groups.PlanePositionSequence[0].ImagePositionPatient, float)
+        place = corner + 7 * spacing[1] * along[:3] + 5 * spacing[0] * along[3:]
+        expected = image.TransformIndexToPhysicalPoint((7, 5, frame))
+        np.testing.assert_allclose(place, expected, atol=1e-4)
+    # A left CC picture: rows run to the nipple, which is anterior; columns to the patient's right.
+    np.testing.assert_allclose(along, [0, -1, 0, -1, 0, 0], atol=1e-9)
+
+
+def test_a_comment_says_what_a_pixel_value_is(view):
+    folder, _, volume = view
+    stored = pydicom.dcmread(folder / "reconstruction.dcm")
+    words = stored.ImageComments.split(": ")[1].split()
+    low, step = float(words[0]), float(words[2])
+    inside = (volume.slices > low) & (volume.slices < low + 4095 * step)
+    assert inside.mean() > 0.4
+    found = low + step * stored.pixel_array
+    np.testing.assert_allclose(found[inside], volume.slices[inside], atol=0.51 * step + 1e-6)
+
+
+@pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy is not installed")
+@pytest.mark.parametrize(
+    "name", ["projections_for_processing", "projections_for_presentation", "reconstruction"]
+)
+def test_the_objects_have_no_errors(view, name):
+    checked = subprocess.run(
+        ["dciodvfy", view[0] / f"{name}.dcm"], capture_output=True, text=True, check=False
+    )
+    said = checked.stdout + checked.stderr
+    assert "Image" in said.splitlines()[0] or "Image" in said
+    assert [line for line in said.splitlines() if line.startswith("Error")] == []
