@@ -1,14 +1,15 @@
 """Force, pressure, contact area and outline of generated breasts beside what is measured in women.
 
-    python benchmarks/people.py [--breasts 40] [--elements 5] [--ratios 1 3 6]
+    python benchmarks/people.py [--breasts 40] [--elements 5] [--sets aspiration] [--ratios 1 3 6]
 
 Compresses generated breasts in CC and MLO to the thickness of the population fit, with the plates'
 edge 15 (CC) and 5 mm (MLO) in front of the chest wall and every stiffness set that has skin as a
-sheet. Published: total force on the paddle 49 to 186 N, median 122 N (Sullivan et al. 1991). Of it
-22 % (CC) and 14 % (MLO) bear on the breast itself, with a mean pressure of 2.3 and 0.5 kPa; the
-rest on tissue near the chest wall (28 women, rigid plate, sensors: Dustler et al. 2021, Acta Radiol
-62:1583). Plates that start in front of the wall miss that tissue: forces here are to be held
-against the breast's own share, 27 N in CC and 17 N in MLO of 122 N.
+sheet, or those named. Published: total force on the paddle 49 to 186 N, median 122 N (Sullivan et
+al. 1991). Of it 22 % (CC) and 14 % (MLO) bear on the breast itself, with a mean pressure of 2.3
+and 0.5 kPa; the rest on tissue near the chest wall (28 women, rigid plate, sensors: Dustler et al.
+2021, Acta Radiol 62:1583). Plates that start in front of the wall miss that tissue: forces here are
+to be held against the breast's own share, 27 N in CC and 17 N in MLO of 122 N. "Front" leaves out
+what lies within 20 mm of the plates' edge.
 
 --ratios compares fibres: the outline of the front of the breast in CC, by the logarithm of an
 ellipse's width over its depth: 0.48 on real mammograms, 0.27 by isotropic and 0.47 by transversely
@@ -30,6 +31,10 @@ from mammosim.tissues import SKIN_SHEETS
 DENSITIES = ("fatty", "scattered", "heterogeneous", "dense")
 
 VIEWS = (("CC", 15.0), ("MLO", 5.0))
+
+MEASURES = (
+    "force_n", "front_force_n", "pressure_kpa", "front_pressure_kpa", "contact_area_mm2",
+)  # fmt: skip
 
 FRONT = 0.5
 """Part of the breast's depth, from the nipple back, whose outline is fitted."""
@@ -81,23 +86,20 @@ def compressed(
         return stop.reached
 
 
-def forces(breasts: int, elements: float) -> None:
+def forces(breasts: int, elements: float, sets: list[str]) -> None:
     """Force, pressure and area in each view and set: medians and 5 to 95 %."""
-    for name in SKIN_SHEETS:
+    for name in sets:
         for view, edge in VIEWS:
             rows = []
             for number in range(breasts):
                 found = compressed(
                     breast(number), view, edge, resolution_mm=elements, stiffness=name
-                ).measures
-                rows.append([found[k] for k in ("force_n", "pressure_kpa", "contact_area_mm2")])
-            force, pressure, area = np.percentile(np.array(rows), [5, 50, 95], axis=0).T
-            print(
-                f"{name:10s} {view:3s}: force {force[1]:.0f} N ({force[0]:.0f} to {force[2]:.0f}), "
-                f"mean pressure {pressure[1]:.1f} kPa ({pressure[0]:.1f} to {pressure[2]:.1f}), "
-                f"area {area[1] / 100:.0f} cm2 ({area[0] / 100:.0f} to {area[2] / 100:.0f})",
-                flush=True,
-            )
+                )
+                rows.append([found.measures[key] for key in MEASURES] + [found.thickness_mm])
+            low, middle, high = np.percentile(np.array(rows), [5, 50, 95], axis=0)
+            print(f"{name}, {view}, {breasts} breasts:")
+            for key, *values in zip((*MEASURES, "thickness_mm"), middle, low, high, strict=True):
+                print("    {}: {:.3g} ({:.3g} to {:.3g})".format(key, *values), flush=True)
 
 
 def outlines(breasts: int, elements: float, ratios: list[float]) -> None:
@@ -123,12 +125,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--breasts", type=int, default=40)
     parser.add_argument("--elements", type=float, default=5.0)
+    parser.add_argument("--sets", nargs="+", choices=list(SKIN_SHEETS), default=list(SKIN_SHEETS))
     parser.add_argument("--ratios", type=float, nargs="*", default=[])
     arguments = parser.parse_args()
     if arguments.ratios:
         outlines(arguments.breasts, arguments.elements, arguments.ratios)
     else:
-        forces(arguments.breasts, arguments.elements)
+        forces(arguments.breasts, arguments.elements, arguments.sets)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from mammosim.compression.hyperelastic.surface import SurfacePoints
 from mammosim.compression.hyperelastic.trust_region import minimise
 from mammosim.compression.multigrid import Workspace
 from mammosim.compression.plates._straight_kernels import StraightPlate
+from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
 
 KEYS = {
@@ -215,3 +216,23 @@ def test_a_paddle_that_cannot_be_is_refused(keys, message):
 def test_springs_know_no_other_paddle():
     with pytest.raises(InputError, match="paddle: only the model hyperelastic knows that"):
         mammosim.compress(skinned(), "CC", model="springs", paddle={"size_mm": (60.0, 60.0)})
+
+
+def test_moduli_that_are_too_far_apart_are_refused():
+    with pytest.raises(InputError, match=r"stiffness_kpa: mass .* more than 10000 times as stiff"):
+        mammosim.compress(
+            skinned(), "CC", **{**KEYS, "stiffness_kpa": {"mass": 1e4, "adipose": 0.1}}
+        )
+
+
+def test_left_out_keys_are_those_of_the_model():
+    elements, springs = (CompressionSettings(model=name) for name in ("hyperelastic", "springs"))
+    assert (elements.stiffness, elements.resolution_mm) == ("aspiration", 3.0)
+    assert (springs.stiffness, springs.resolution_mm) == ("thesis", 1.0)
+    given = CompressionSettings(model="hyperelastic", stiffness="thesis", resolution_mm=1.0)
+    assert (given.stiffness, given.resolution_mm) == ("thesis", 1.0)
+
+
+def test_the_front_of_the_breast_bears_a_part_of_the_force(usual):
+    assert 0.0 < usual.measures["front_force_n"] < usual.force_n
+    assert usual.measures["front_pressure_kpa"] > 0.0

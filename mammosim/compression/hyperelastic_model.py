@@ -312,7 +312,7 @@ def _seconds(settings: CompressionSettings, nodes: float) -> float:
 
 def _quantities(compressed: CompressedBreast, settings: CompressionSettings) -> dict[str, float]:
     return {
-        **contact_quantities(compressed, settings),
+        **contact_quantities(compressed, settings, breast_only=True),
         "folded_elements": compressed.measures["inverted_cells"],
     }
 
@@ -331,6 +331,7 @@ HYPERELASTIC = MechanicalModel(
         "force_tolerance",
         "paddle",
     ),
+    usual={"resolution_mm": 3.0, "stiffness": "aspiration"},
     chest_walls=("fascia", "fixed", "sliding"),
     bytes_per_node=BYTES_PER_NODE,
     seconds=_seconds,

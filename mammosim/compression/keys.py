@@ -117,8 +117,9 @@ class CompressionKeys(TypedDict, total=False):
     the keys in mm; view CC only."""
 
     resolution_mm: float
-    """Node spacing of the mechanical lattice, mm; 1 mm resolves skin and glandular lobes. Default:
-    1.0."""
+    """Node spacing of the mechanical lattice, mm; 1 mm resolves skin and glandular lobes. Left out:
+    1 mm with `springs`, 3 mm with `hyperelastic`, whose elements hold a gradient of strain each.
+    Default: 1.0."""
 
     mlo_angle_deg: float
     """Angle of the plates' normal from superior towards medial in MLO, degrees. Default: 45.0."""
@@ -151,8 +152,9 @@ class CompressionKeys(TypedDict, total=False):
     all in front of the plates' edge."""
 
     stiffness: str
-    """Stiffness set of the tissue table; `thesis` is what the spring model was published with.
-    Default: thesis."""
+    """Stiffness set of the tissue table. Left out: `thesis` with `springs`, which were published
+    with it; `aspiration` with `hyperelastic`, measured in vivo, under which the pressure on the
+    breast is as sensors find it. Default: thesis."""
 
     stiffness_kpa: Mapping[str, float]
     """Young's modulus of single tissues in place of the set's, as {skin: 60, mass: 100}; tissues

@@ -28,6 +28,9 @@ class MechanicalModel:
         are known before anything is computed.
     own_keys : tuple of str
         Keys of `CompressionSettings` that other models do not know.
+    usual : mapping
+        Values of keys of `CompressionSettings` that are left out, where this model has others than
+        the settings' class.
     chest_walls : tuple of str
         Values of the key `chest_wall` that it knows; the first is its default.
     compresses : bool
@@ -48,6 +51,7 @@ class MechanicalModel:
     quantities: Callable[[Any, Any], Mapping[str, float]] = lambda compressed, settings: {}
     cautions: Callable[[Any], tuple[str, ...]] = lambda settings: ()
     own_keys: tuple[str, ...] = ()
+    usual: Mapping[str, Any] = field(default_factory=dict)
     chest_walls: tuple[str, ...] = ("fixed", "sliding", "fascia")
     compresses: bool = True
     bytes_per_node: float = 0.0

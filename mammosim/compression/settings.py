@@ -17,6 +17,10 @@ from mammosim.tissues import (
     nearest_tissue,
 )
 
+MAX_RATIO = 1e4
+"""Of the moduli of two tissues; a core in fat converges with 1e-2 to 1e3 of its modulus, and beyond
+this single precision does not resolve the softer of the two (assumed)."""
+
 MAX_TILT_DEG = 10.0
 """Beyond this no paddle tilts."""
 
@@ -155,7 +159,8 @@ class CompressionSettings(Settings):
     the keys in mm; view CC only."""
 
     resolution_mm: float = Field(default=1.0, ge=0.1, le=10)
-    """Node spacing of the mechanical lattice, mm; 1 mm resolves skin and glandular lobes."""
+    """Node spacing of the mechanical lattice, mm; 1 mm resolves skin and glandular lobes. Left out:
+    1 mm with `springs`, 3 mm with `hyperelastic`, whose elements hold a gradient of strain each."""
 
     mlo_angle_deg: float = Field(default=45.0, ge=30, le=60)
     """Angle of the plates' normal from superior towards medial in MLO, degrees."""
@@ -187,7 +192,9 @@ class CompressionSettings(Settings):
     all in front of the plates' edge."""
 
     stiffness: str = "thesis"
-    """Stiffness set of the tissue table; `thesis` is what the spring model was published with."""
+    """Stiffness set of the tissue table. Left out: `thesis` with `springs`, which were published
+    with it; `aspiration` with `hyperelastic`, measured in vivo, under which the pressure on the
+    breast is as sensors find it."""
 
     stiffness_kpa: dict[str, Annotated[float, Field(ge=1e-3, le=1e4)]] = Field(default_factory=dict)
     """Young's modulus of single tissues in place of the set's, as {skin: 60, mass: 100}; tissues
@@ -265,10 +272,30 @@ class CompressionSettings(Settings):
         return SkinSheet(young if skin.young_kpa is None else skin.young_kpa, skin.thickness_mm)
 
     @model_validator(mode="after")
+    def _usual_of_the_model(self) -> Self:
+        for key, value in MODELS[self.model].usual.items():
+            if key not in self.model_fields_set:
+                self.__dict__[key] = value
+        return self
+
+    @model_validator(mode="after")
     def _wall_that_the_model_knows(self) -> Self:
         if self.chest_wall is not None and self.chest_wall not in MODELS[self.model].chest_walls:
             able = " or ".join(compressing_models(self.chest_wall))
             raise ValueError(f"chest_wall: {self.chest_wall} needs model: {able}")
+        return self
+
+    @model_validator(mode="after")
+    def _moduli_that_can_be_joined(self) -> Self:
+        if self.stiffness_kpa and self.model == "hyperelastic":
+            young = {name: self.moduli(name) for name in (*self.stiffness_kpa, "adipose", "gland")}
+            low, high = min(young, key=young.__getitem__), max(young, key=young.__getitem__)
+            if young[high] > MAX_RATIO * young[low]:
+                raise ValueError(
+                    f"stiffness_kpa: {high} ({young[high]:g} kPa) is more than {MAX_RATIO:g} times "
+                    f"as stiff as {low} ({young[low]:g} kPa); the model hyperelastic does not "
+                    "converge for such a ratio"
+                )
         return self
 
     @model_validator(mode="after")

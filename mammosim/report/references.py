@@ -170,7 +170,7 @@ def references_used(settings: Mapping[str, Any]) -> list[Reference]:
         settings.get(name) or {} for name in ("phantom", "compression", "acquisition", "export")
     )
     model = MODELS[compression.get("model", "springs")]
-    stiffness = compression.get("stiffness", "thesis")
+    stiffness = compression.get("stiffness", model.usual.get("stiffness", "thesis"))
     targets, report = (settings.get(name) or {} for name in ("targets", "report"))
     varied = targets.get("uncertainty") is not None
     used = {

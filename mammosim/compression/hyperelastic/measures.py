@@ -9,7 +9,12 @@ from mammosim.compression.hyperelastic._element_kernels import element_volumes
 from mammosim.compression.hyperelastic.contact import Contact
 from mammosim.compression.hyperelastic.mesh import Mesh
 from mammosim.compression.hyperelastic.newton import State
+from mammosim.compression.hyperelastic.surface import SurfacePoints
 from mammosim.compression.plate_balance import PlateForces
+
+FRONT_MM = 20.0
+"""Distance from the plates' edge beyond which their force counts as one on the breast itself, not
+on the tissue at the chest wall (assumed; sensors tell the two apart: Dustler et al. 2021)."""
 
 
 def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float]:
@@ -20,7 +25,9 @@ def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float
     dict
         `force_n` (on the paddle) and `support_force_n`; `contact_area_mm2` and
         `support_contact_area_mm2`, of the deformed surface that touches; `pressure_kpa` (mean over
-        the paddle's area); `volume_before_ml` and `volume_after_ml` of the elements' tissue, their
+        the paddle's area); `front_force_n` and `front_pressure_kpa`, the same of the paddle further
+        than 20 mm in front of the plates' edge; `volume_before_ml` and `volume_after_ml` of the
+        elements' tissue, their
         `volume_ratio` and `volume_change_percent` (positive for a loss); `inverted_cells`, elements
         with J <= 0 at any of nine points, of `cells`; `smallest_j`; `out_of_balance`, the norm of
         the nodes' unbalanced forces over that of the plates' forces on them; `depth_mm`, how far
@@ -39,6 +46,7 @@ def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float
         "support_contact_area_mm2": float(area[1]),
         "pressure_kpa": 1e3 * paddle_n / area[0] if area[0] > 0.0 else 0.0,
     }
+    measures.update(_front(contact, state.u, edge))
     volume, smallest = _volumes(mesh, state)
     tissue = mesh.body.fraction * mesh.body.active
     before, after = float(tissue.sum()), float((tissue * volume).sum())
@@ -102,15 +110,32 @@ def _touching_area(
 
     Nanson's formula: a surface element n dA of the rest becomes J F^(-T) n dA.
     """
-    points = contact.points
-    area = np.zeros(2)
-    for plate in range(2):
-        pressed = pressure[plate] > 0.0
-        gradient = _gradient(u, points.cells[pressed], points.local[pressed])
-        cofactor = np.linalg.det(gradient)[:, None, None] * np.linalg.inv(gradient)
-        turned = np.einsum("nji,nj->ni", cofactor, points.normal[pressed])
-        area[plate] = np.linalg.norm(turned, axis=1) @ points.area[pressed]
-    return area
+    return np.array(
+        [_deformed_area(contact.points, u, pressed > 0.0).sum() for pressed in pressure]
+    )
+
+
+def _deformed_area(
+    points: SurfacePoints, u: NDArray[np.float64], some: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Deformed area that some of the points stand for, faces of an element."""
+    gradient = _gradient(u, points.cells[some], points.local[some])
+    cofactor = np.linalg.det(gradient)[:, None, None] * np.linalg.inv(gradient)
+    turned = np.einsum("nji,nj->ni", cofactor, points.normal[some])
+    return np.asarray(np.linalg.norm(turned, axis=1) * points.area[some])
+
+
+def _front(contact: Contact, u: NDArray[np.float64], edge_mm: float) -> dict[str, float]:
+    """Force and mean pressure of the paddle on the breast itself, away from the chest wall."""
+    pressure, push = contact.pressure(u)
+    start = contact.plates[1].edge + FRONT_MM / edge_mm
+    front = (pressure[0] > 0.0) & (contact.points.places(u)[:, 0] > start)
+    force = -float((pressure[0] * push[0, :, 2] * contact.points.area)[front].sum())
+    area = float(_deformed_area(contact.points, u, front).sum())
+    return {
+        "front_force_n": force * edge_mm**2 * 1e-3,
+        "front_pressure_kpa": force / area if area > 0.0 else 0.0,
+    }
 
 
 def _gradient(

@@ -38,11 +38,11 @@ UNBOUNDED = 1e30
 ROUNDING = 1e-13
 """Relative, of the energy's sum over a million elements."""
 
-WORST_CURVATURE = -0.5
+WORST_CURVATURE = -2.0
 """Negative curvature, relative to the V-cycle's, beyond which it is not followed: it is that of
 single elements far from equilibrium, and the model holds for no step worth taking."""
 
-NEAR, NEAR_LARGEST = 0.05, 0.5
+NEAR, NEAR_LARGEST = 0.2, 2.0
 """Mean and largest displacement of a node in a step, element edges, below which the exact tangent
 stiffness is used: further away, leaving out what may be negative leads on faster."""
 

@@ -40,7 +40,7 @@ class BlockLevel:
     span: NDArray[np.int32]
     inverse: NDArray[np.float32]
     free: NDArray[np.float32]
-    cycle: ClassVar[Cycle] = Cycle(smoothed_part=12.0, smoothings=3, coarsest=600)
+    cycle: ClassVar[Cycle] = Cycle(smoothed_part=8.0, smoothings=2, coarsest=600)
 
     @classmethod
     def of(cls, stencil: NDArray[np.float32], span: NDArray[np.int32]) -> BlockLevel:

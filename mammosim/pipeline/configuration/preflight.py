@@ -183,6 +183,7 @@ def _shadow_problems(breast: BreastPhantom, view: ResolvedView) -> list[str]:
     keys = {"thickness_mm", "support_z_mm", "paddle_z_mm", "plate_edge_mm", "mlo_angle_deg"}
     coarse = CompressionSettings(
         **settings.model_dump(include=keys),
+        model="springs",
         resolution_mm=max(settings.resolution_mm, SHADOW_LATTICE_MM),
     )
     own = settings.model == coarse.model and settings.resolution_mm >= SHADOW_LATTICE_MM
