@@ -212,10 +212,23 @@ def test_a_biopsy_that_does_not_converge_is_said(folder, tmp_path):
     assert "biopsy for LCC: LML: relaxation stopped" in (tmp_path / "out" / "run.json").read_text()
 
 
+def test_a_posture_says_where_lesions_lie_without_plates(folder, tmp_path):
+    path = write(folder, "prone.yaml", views=["CC"], targets={"biopsy": {"posture": "prone"}})
+    result = invoke("run", path, "--output", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    ball, _ = read_table(tmp_path / "out" / "biopsy.csv")
+    assert (ball["biopsy_view"], ball["biopsy_thickness_mm"]) == ("prone", "")
+    before = read_table(tmp_path / "out" / "lesions.csv")[0]
+    assert float(ball["biopsy_x_mm"]) > float(before["x_mm"])  # it hangs forward
+    assert "posture is experimental" in (tmp_path / "out" / "run.json").read_text()
+
+
 BAD = [
     ({"view": "same"}, "view: same needs thickness_mm or force_n"),
     ({"view": "none", "thickness_mm": 40}, "view: none has no plates, so thickness_mm must be"),
     ({"view": "CC", "thickness_mm": 40, "force_n": 90}, "give one of thickness_mm and force_n"),
+    ({"view": "CC", "posture": "prone"}, "posture: prone needs view: none"),
+    ({"posture": "sitting"}, "targets.biopsy.posture: found 'sitting'"),
     ({"view": "LM"}, "targets.biopsy.view: found 'LM'"),
     ({"needle": "up"}, "targets.biopsy.needle: found 'up'"),
 ]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import mammosim
+from mammosim.compression import in_posture
 from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import Contact
 from mammosim.compression.hyperelastic.structure import Structure
@@ -13,6 +14,7 @@ from mammosim.compression.multigrid import Workspace
 from mammosim.compression.plates._straight_kernels import StraightPlate
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
+from mammosim.geometry import View
 
 KEYS = {
     "model": "hyperelastic", "stiffness": "krouskop", "resolution_mm": 6.0, "plate_edge_mm": 10.0,
@@ -236,3 +238,18 @@ def test_left_out_keys_are_those_of_the_model():
 def test_the_front_of_the_breast_bears_a_part_of_the_force(usual):
     assert 0.0 < usual.measures["front_force_n"] < usual.force_n
     assert usual.measures["front_pressure_kpa"] > 0.0
+
+
+def test_weight_draws_the_breast_where_the_woman_faces():
+    keys = CompressionSettings(model="hyperelastic", resolution_mm=6.0)
+    breast = skinned()
+    moved = {
+        posture: in_posture(breast, View("CC", "L"), keys, posture).displacement_at(tissue(breast))
+        for posture in ("standing", "prone", "supine")
+    }
+    means = {posture: shift.mean(axis=0) for posture, shift in moved.items()}
+    assert means["standing"][2] < -0.1
+    assert means["prone"][0] > 0.1
+    # Weight strains this small breast by a few per cent; but skin bears tension only.
+    assert means["supine"][0] == pytest.approx(-means["prone"][0], rel=0.2)
+    assert np.abs(means["prone"][1:]).max() < 0.2 * means["prone"][0]

@@ -9,11 +9,13 @@ from mammosim.compression.lattice import breast_volume_ml
 from mammosim.compression.model import MODELS, MechanicalModel, compressing_models
 from mammosim.compression.plate_check import check_plates
 from mammosim.compression.plates import held_tissue, plate_edge_mm, population_thickness_mm
+from mammosim.compression.posture import EXPERIMENTAL, Posture, in_posture
 from mammosim.compression.samples import Sample, Sampler
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.uncompressed import held_before
 
 __all__ = [
+    "EXPERIMENTAL",
     "MODELS",
     "CompressedBreast",
     "CompressionKeys",
@@ -21,6 +23,7 @@ __all__ = [
     "DisplacementField",
     "InverseMap",
     "MechanicalModel",
+    "Posture",
     "Sample",
     "Sampler",
     "breast_volume_ml",
@@ -29,6 +32,7 @@ __all__ = [
     "compressing_models",
     "held_before",
     "held_tissue",
+    "in_posture",
     "plate_edge_mm",
     "population_thickness_mm",
 ]

@@ -46,6 +46,8 @@ class CompressedBreast:
     modulus_kpa : ndarray of float32, [x, y, z], optional
         Young's modulus at rest of each lattice node (`springs`), or of each element, the cell
         after its node (`hyperelastic`), kPa; 0 in air. None where nothing was computed.
+    posture : {"standing", "prone", "supine"}, optional
+        How the woman holds herself, where weight alone moved tissue (`in_posture`).
     """
 
     phantom: BreastPhantom
@@ -61,6 +63,7 @@ class CompressedBreast:
     notes: tuple[str, ...] = ()
     interrupted: bool = False
     modulus_kpa: NDArray[np.float32] | None = None
+    posture: str | None = None
 
     @property
     def is_compressed(self) -> bool:

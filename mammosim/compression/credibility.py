@@ -8,7 +8,7 @@ from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.model import MODELS
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import NotConverged
-from mammosim.plausibility import LOW_BREAST_FORCE_N, LOW_FORCE_N, doubts
+from mammosim.plausibility import LOW_FORCE_N, doubts
 
 
 def believed(compressed: CompressedBreast, settings: CompressionSettings) -> CompressedBreast:
@@ -49,11 +49,9 @@ def believed(compressed: CompressedBreast, settings: CompressionSettings) -> Com
 
 
 def contact_quantities(
-    compressed: CompressedBreast, settings: CompressionSettings, breast_only: bool = False
+    compressed: CompressedBreast, settings: CompressionSettings
 ) -> dict[str, float]:
     """Force and pressure of the plates, for the table of limits.
-
-    With `breast_only` the model holds no tissue at the chest wall, which bears most of the force.
 
     A low force is plausible where a force was asked for, and the forces on paddle and support need
     not balance under gravity.
@@ -61,9 +59,8 @@ def contact_quantities(
     measures = compressed.measures
     paddle_n, support_n = measures["force_n"], measures["support_force_n"]
     quantities = {"mean_pressure_kpa": measures["pressure_kpa"]}
-    low_n = LOW_BREAST_FORCE_N if breast_only else LOW_FORCE_N
-    if settings.force_n is None or paddle_n >= low_n:
-        quantities["breast_force_n" if breast_only else "paddle_force_n"] = paddle_n
+    if settings.force_n is None or paddle_n >= LOW_FORCE_N:
+        quantities["paddle_force_n"] = paddle_n
     largest = max(paddle_n, support_n)
     if not settings.gravity and largest > 0.0:
         quantities["force_imbalance_percent"] = 100.0 * abs(paddle_n - support_n) / largest

@@ -209,17 +209,39 @@ def body_between_plates(
         As `compress_hyperelastic` takes it.
     """
     reach, fixed = held_tissue(settings, breast)
-    support = Support(
-        settings.wall, fixed, _skin_of(breast, settings), _fascia_of(settings),
-        _gravity_of(view) if settings.gravity else None, settings.fibres.ratio,
-    )  # fmt: skip
-    resolution = settings.resolution_mm
-    mesh = build_mesh(breast, view, resolution, settings.moduli, support, lattice_shift)
+    mesh = elements_of(breast, view, settings, DOWN if settings.gravity else None, lattice_shift)
     edge = plate_edge_mm(settings, reach, fixed)
     plates, notes = place_plates(settings, breast, view, mesh.elements, edge)
     if settings.force_tolerance is not None:
         notes = (*notes, FORCE_TOLERANCE_IS_GONE)
     return BodyBetweenPlates(mesh, plates, (*mesh.elements.notes, *notes))
+
+
+def elements_of(
+    breast: BreastPhantom,
+    view: View,
+    settings: CompressionSettings,
+    down: tuple[float, float, float] | None,
+    lattice_shift: tuple[float, float] = (0.0, 0.0),
+) -> Mesh:
+    """The elements of a breast in the compression frame of a view.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    view : View
+    settings : CompressionSettings
+    down : tuple of float, optional
+        Where weight pulls, breast frame; None: there is none.
+    lattice_shift : tuple of float
+        As `compress_hyperelastic` takes it.
+    """
+    support = Support(
+        settings.wall, held_tissue(settings, breast)[1], _skin_of(breast, settings),
+        _fascia_of(settings), None if down is None else _gravity_of(view, down),
+        settings.fibres.ratio,
+    )  # fmt: skip
+    return build_mesh(breast, view, settings.resolution_mm, settings.moduli, support, lattice_shift)
 
 
 def _skin_of(breast: BreastPhantom, settings: CompressionSettings) -> SkinSheet | None:
@@ -246,9 +268,9 @@ def _fascia_of(settings: CompressionSettings) -> float:
     return settings.fascia_kpa_per_mm if settings.wall == "fascia" else 0.0
 
 
-def _gravity_of(view: View) -> tuple[float, float, float]:
-    """Acceleration by gravity of a woman who stands, compression frame, m/s2."""
-    x, y, z = view.compression_from_breast(DOWN) * GRAVITY_M_S2
+def _gravity_of(view: View, down: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Acceleration by gravity, compression frame, m/s2."""
+    x, y, z = view.compression_from_breast(down) * GRAVITY_M_S2
     return float(x), float(y), float(z)
 
 
@@ -280,20 +302,25 @@ def _result(
             "the largest unbalanced force is at "
             f"({place[0]:.1f}, {place[1]:.1f}, {place[2]:.1f}) mm",
         )
+    return CompressedBreast(
+        breast, view, "hyperelastic", field_of(mesh, state, view),
+        plates.support_z_mm, plates.paddle_z_mm, plates.edge_mm,
+        state.converged and whole, measures, np.array(stages.rows, HISTORY), notes,
+        state.interrupted, mesh.elements.modulus,
+    )  # fmt: skip
+
+
+def field_of(mesh: Mesh, state: State, view: View) -> DisplacementField:
+    """Displacement of a state in mm, continued into the air around the tissue."""
     moved = continued(state.u, mesh.body.nodes, AIR_LAYERS, straight=1)
     moved[:, :WALL] = moved[:, WALL : WALL + 1]
     spacing = float(mesh.nodes.spacing_mm[0])
-    field = DisplacementField(
+    return DisplacementField(
         mesh.nodes,
         np.ascontiguousarray(np.moveaxis(moved * spacing, 0, -1), dtype=np.float32),
         mesh.body.nodes,
         view.rotation,
     )
-    return CompressedBreast(
-        breast, view, "hyperelastic", field, plates.support_z_mm, plates.paddle_z_mm,
-        plates.edge_mm, state.converged and whole, measures, np.array(stages.rows, HISTORY), notes,
-        state.interrupted, mesh.elements.modulus,
-    )  # fmt: skip
 
 
 def _where_it_stopped(compressed: CompressedBreast, settings: CompressionSettings) -> str:
@@ -312,7 +339,7 @@ def _seconds(settings: CompressionSettings, nodes: float) -> float:
 
 def _quantities(compressed: CompressedBreast, settings: CompressionSettings) -> dict[str, float]:
     return {
-        **contact_quantities(compressed, settings, breast_only=True),
+        **contact_quantities(compressed, settings),
         "folded_elements": compressed.measures["inverted_cells"],
     }
 

@@ -17,7 +17,7 @@ from mammosim.targets.locate import (
     point_from_sights,
     stereotactic,
 )
-from mammosim.targets.origins import Origin, target_origins
+from mammosim.targets.origins import Origin, mean_shift_mm, target_origins
 from mammosim.targets.settings import BiopsySettings, TargetsSettings, UncertaintySettings
 from mammosim.targets.target import Target
 from mammosim.targets.uncertainty import (
@@ -48,6 +48,7 @@ __all__ = [
     "draw_samples",
     "find_targets",
     "in_volume",
+    "mean_shift_mm",
     "point_at_height",
     "point_from_sights",
     "rule_errors",

@@ -128,8 +128,8 @@ def needle_direction(
 
 
 def biopsy_name(biopsy: CompressedBreast) -> str:
-    """How the breast is held: the view, or `none`."""
-    return biopsy.view.name if biopsy.is_compressed else "none"
+    """How the breast is held: the view, the posture, or `none`."""
+    return biopsy.view.name if biopsy.is_compressed else biopsy.posture or "none"
 
 
 def biopsy_thickness_mm(biopsy: CompressedBreast) -> float:

@@ -20,6 +20,10 @@ class BiopsyKeys(TypedDict, total=False):
     force_n: float | None
     """Force on the paddle during biopsy, N, in place of a thickness."""
 
+    posture: Literal["standing", "prone", "supine"] | None
+    """How the woman stands or lies during biopsy or surgery, without plates; experimental. Left
+    out: the breast is as the phantom has it."""
+
     needle: Literal["vertical", "lateral"]
     """Direction of the needle: `vertical` along the compression axis (without plates that of the
     mammogram), from the paddle's side; `lateral` across it, parallel to the chest wall. Default:

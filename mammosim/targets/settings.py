@@ -22,6 +22,10 @@ class BiopsySettings(Settings):
     force_n: float | None = Field(default=None, ge=0.1, le=MAX_FORCE_N)
     """Force on the paddle during biopsy, N, in place of a thickness."""
 
+    posture: Literal["standing", "prone", "supine"] | None = None
+    """How the woman stands or lies during biopsy or surgery, without plates; experimental. Left
+    out: the breast is as the phantom has it."""
+
     needle: Literal["vertical", "lateral"] = "vertical"
     """Direction of the needle: `vertical` along the compression axis (without plates that of the
     mammogram), from the paddle's side; `lateral` across it, parallel to the chest wall."""
@@ -31,6 +35,10 @@ class BiopsySettings(Settings):
         ways = [key for key in ("thickness_mm", "force_n") if getattr(self, key) is not None]
         if self.view == "none" and ways:
             raise ValueError(f"view: none has no plates, so {' and '.join(ways)} must be left out")
+        if self.view != "none" and self.posture is not None:
+            raise ValueError(
+                f"posture: {self.posture} needs view: none, since plates hold the breast"
+            )
         if self.view == "same" and not ways:
             raise ValueError("view: same needs thickness_mm or force_n, else nothing is different")
         if len(ways) > 1:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from mammosim.acquisition import AcquisitionSettings
-from mammosim.compression import CompressionSettings
+from mammosim.compression import CompressionSettings, Posture
 from mammosim.geometry import View
 from mammosim.projection import ProjectionSettings
 from mammosim.reconstruction import SeriesSettings
@@ -22,10 +22,13 @@ class BiopsyPosition:
     ----------
     view : {"CC", "MLO", "ML"}
     compression : CompressionSettings
+    posture : {"standing", "prone", "supine"}, optional
+        Without plates: how the woman stands or lies.
     """
 
     view: ViewName
     compression: CompressionSettings
+    posture: Posture | None = None
 
     def position(self, laterality: str) -> View:
         """The view of one breast."""

@@ -182,7 +182,12 @@ class RunConfig(Settings):
         name = view.view if biopsy.view == "same" or biopsy.view == "none" else biopsy.view
         if biopsy.view == "none":
             angle = compression.mlo_angle_deg
-            return BiopsyPosition(name, CompressionSettings(model="none", mlo_angle_deg=angle))
+            if biopsy.posture is None:
+                return BiopsyPosition(name, CompressionSettings(model="none", mlo_angle_deg=angle))
+            elements = compression
+            if compression.model != "hyperelastic":
+                elements = CompressionSettings(model="hyperelastic", mlo_angle_deg=angle)
+            return BiopsyPosition(name, elements, biopsy.posture)
         of_name = [view, *self.views, ViewSettings(view=name)]
         own = dict(next(one for one in of_name if one.view == name).compression)
         plates = biopsy.model_dump(include={"thickness_mm", "force_n"}, exclude_none=True)

@@ -164,9 +164,11 @@ def check_memory_limit(plan: Plan) -> None:
 def _more_compressions(config: RunConfig) -> int:
     """Compressions of each view beside its own: at biopsy, and the samples of both."""
     targets = config.targets
-    plates = 1 if targets.biopsy is not None and targets.biopsy.view != "none" else 0
+    biopsy = targets.biopsy
+    plates = 1 if biopsy is not None and biopsy.view != "none" else 0
+    posture = 1 if biopsy is not None and biopsy.posture is not None else 0
     samples = targets.uncertainty.samples if targets.uncertainty is not None else 0
-    return plates + samples * (1 + plates)
+    return plates + posture + samples * (1 + plates)
 
 
 def _target_lines(config: RunConfig) -> list[str]:
@@ -175,6 +177,8 @@ def _target_lines(config: RunConfig) -> list[str]:
         held = {"none": "without plates", "same": "in each view"}.get(
             targets.biopsy.view, f"in {targets.biopsy.view}"
         )
+        if targets.biopsy.posture is not None:
+            held += f", the woman {targets.biopsy.posture} (experimental)"
         lines.append(f"biopsy: a {targets.biopsy.needle} needle, the breast held {held}")
     if targets.uncertainty is not None:
         lines.append(f"uncertainty: {targets.uncertainty.samples} samples of each compression")

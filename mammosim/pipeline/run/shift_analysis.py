@@ -9,7 +9,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression import CompressedBreast, CompressionSettings, Sample, Sampler, compress
+from mammosim.compression import (
+    EXPERIMENTAL,
+    CompressedBreast,
+    CompressionSettings,
+    Sample,
+    Sampler,
+    compress,
+    in_posture,
+)
 from mammosim.errors import NotConverged
 from mammosim.phantom import BreastPhantom
 from mammosim.pipeline.configuration import ResolvedView, RunConfig
@@ -24,6 +32,7 @@ from mammosim.targets import (
     UncertaintySettings,
     aim_needles,
     draw_samples,
+    mean_shift_mm,
     rule_errors,
     sampled_shifts,
     target_doubts,
@@ -173,11 +182,15 @@ def _biopsy_positions(
         biopsy = settings[folder].biopsy
         if biopsy is None:
             continue
-        key = _key(biopsy.view, biopsy.compression)
+        key = _key(biopsy.view, biopsy.compression, biopsy.posture)
         if key not in made:
             view = biopsy.position(breast.laterality)
             try:
-                made[key] = compress(breast, view, biopsy.compression, seed=seed)
+                if biopsy.posture is not None:
+                    notes.append(f"biopsy for {folder}: {EXPERIMENTAL}")
+                    made[key] = in_posture(breast, view, biopsy.compression, biopsy.posture)
+                else:
+                    made[key] = compress(breast, view, biopsy.compression, seed=seed)
             except NotConverged as error:
                 made[key] = error.reached
                 notes.append(f"biopsy for {folder}: {error}")
@@ -185,8 +198,8 @@ def _biopsy_positions(
     return positions, notes
 
 
-def _key(view: str, compression: CompressionSettings) -> str:
-    return f"{view} {compression.model_dump_json()}"
+def _key(view: str, compression: CompressionSettings, posture: str | None = None) -> str:
+    return f"{view} {posture} {compression.model_dump_json()}"
 
 
 def _spread(
@@ -230,7 +243,8 @@ def _sampled(
     """Shift of each target in each sample of one position, [sample, target, 3], mm; and notes."""
     settings = config.targets.uncertainty or UncertaintySettings()
     if not held.squeezed.is_compressed:  # nothing is held, nothing varies
-        return np.zeros((settings.samples, len(origins), 3)), []
+        still = np.array([mean_shift_mm(held.squeezed.field, origin) for origin in origins])
+        return np.broadcast_to(still, (settings.samples, *still.shape)), []
     sampler = Sampler(held.squeezed, held.settings)
     samples = draw_samples(settings, sampler.groups, what, config.seed)
 
