@@ -20,6 +20,9 @@ SERIES = "series"
 
 FORMATS = [*READERS, SERIES]
 
+OWN_CODES = (".bin", ".txt")
+"""Formats with labels of their own, which cannot hold the small breast's."""
+
 SPACING, ORIGIN = np.array([0.5, 0.75, 1.0]), np.array([3.0, -20.0, 12.5])
 
 LABELS = "0: air\n1: adipose\n29: gland\n33: nipple\n88: ligament\n"
@@ -47,12 +50,24 @@ def save(path: Path, labels: np.ndarray, zipped: bool = True) -> Path:
         )
     elif path.suffix == ".bin":  # a cube of codes of its own: test_phantom_thesis.py
         np.full((7, 7, 7), 203, "<i2").tofile(path)
+    elif path.suffix == ".txt":  # media numbers of its own: test_phantom_uwcem.py
+        save_uwcem(path, labels)
     elif path.suffix in (".tif", ".tiff"):
         save_tiff(path, labels, zipped)
     elif path.suffix == ".vctx":
         save_vctx(path, labels, zipped=zipped)
     else:
         save_itk(path, labels, zipped=zipped)
+    return path
+
+
+def save_uwcem(path: Path, labels: np.ndarray) -> Path:
+    """Save [x, y, z] as the Wisconsin repository does: x from the nipple to the chest wall."""
+    media = {0: "-1", 1: "3.1", 2: "-2", 29: "1.1", 33: "1.2", 40: "-4", 88: "2"}
+    turned = labels[::-1]
+    path.write_text("".join(f"{media[int(label)]}\n" for label in turned.ravel(order="F")))
+    sides = "".join(f"s{axis + 1}={side}\n" for axis, side in enumerate(labels.shape))
+    (path.parent / "breastInfo.txt").write_text(f"breast ID=071904\n{sides}class=2\n")
     return path
 
 

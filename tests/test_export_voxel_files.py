@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 import SimpleITK as sitk
 import tifffile
-from make_volumes import FORMATS, ORIGIN, SPACING, save, save_itk, save_series, small_breast
+from make_volumes import (
+    FORMATS,
+    ORIGIN,
+    OWN_CODES,
+    SPACING,
+    save,
+    save_itk,
+    save_series,
+    small_breast,
+)
 from typer.testing import CliRunner
 
 from mammosim import cli
@@ -91,7 +100,7 @@ def test_the_metaimage_header_tells_the_truth_in_victres_order(tmp_path):
 
 
 @pytest.mark.parametrize("target", WRITERS)
-@pytest.mark.parametrize("source", [suffix for suffix in FORMATS if suffix != ".bin"])
+@pytest.mark.parametrize("source", [suffix for suffix in FORMATS if suffix not in OWN_CODES])
 def test_from_every_format_to_every_format(tmp_path, source, target):
     path = save(tmp_path / f"in.{source.lstrip('.')}", small_breast())
     convert_volume(path, tmp_path / f"out{target}")

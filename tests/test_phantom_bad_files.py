@@ -18,6 +18,7 @@ import tifffile
 from make_volumes import (
     FORMATS,
     ORIGIN,
+    OWN_CODES,
     SERIES,
     save,
     save_series,
@@ -68,7 +69,7 @@ def test_every_format_refuses_rubbish(tmp_path, suffix, rubbish):
         read_phantom(path.parent if suffix == SERIES else path)
 
 
-@pytest.mark.parametrize("suffix", [s for s in FORMATS if s != ".bin"])
+@pytest.mark.parametrize("suffix", [s for s in FORMATS if s not in OWN_CODES])
 def test_every_format_refuses_what_is_another_format(tmp_path, suffix):
     other = ".npz" if suffix != ".npz" else ".nrrd"
     path = place(tmp_path, suffix)
@@ -88,7 +89,7 @@ def test_every_format_refuses_what_is_another_format(tmp_path, suffix):
      (small_breast().astype(np.int16) - 1, "label -1 .* is not in the label map"),
      (np.arange(1000, dtype=np.int16).reshape(10, 10, 10), "over 255 different values")],
 )  # fmt: skip
-@pytest.mark.parametrize("suffix", [s for s in FORMATS if s not in (".bin", ".vctx")])
+@pytest.mark.parametrize("suffix", [s for s in FORMATS if s not in (*OWN_CODES, ".vctx")])
 def test_every_format_refuses_what_are_no_labels(tmp_path, suffix, values, message):
     if suffix == SERIES and values.dtype.kind == "f":
         pytest.skip("a DICOM picture holds whole numbers")

@@ -15,6 +15,7 @@ import tifffile
 from make_volumes import (
     FORMATS,
     ORIGIN,
+    OWN_CODES,
     SERIES,
     SPACING,
     save,
@@ -44,7 +45,7 @@ NO_PLACE = (".npy", ".tif", ".tiff")
 
 
 @pytest.mark.parametrize("zipped", [True, False])
-@pytest.mark.parametrize("suffix", [suffix for suffix in FORMATS if suffix != ".bin"])
+@pytest.mark.parametrize("suffix", [suffix for suffix in FORMATS if suffix not in OWN_CODES])
 def test_every_format_gives_the_same_breast(tmp_path, suffix, zipped):
     breast = read_phantom(save(tmp_path / f"b.{suffix.lstrip('.')}", small_breast(), zipped))
     assert breast.labels.dtype == np.uint8
@@ -59,7 +60,7 @@ def test_every_format_gives_the_same_breast(tmp_path, suffix, zipped):
         np.testing.assert_allclose(breast.origin_mm, ORIGIN, rtol=1e-6)
 
 
-@pytest.mark.parametrize("suffix", [suffix for suffix in FORMATS if suffix != ".bin"])
+@pytest.mark.parametrize("suffix", [suffix for suffix in FORMATS if suffix not in OWN_CODES])
 def test_the_header_alone_tells_the_size(tmp_path, suffix):
     opened = open_voxels(save(tmp_path / f"b.{suffix.lstrip('.')}", small_breast()))
     assert (opened.shape, opened.dtype) == ((7, 9, 11), np.uint8)
@@ -67,7 +68,7 @@ def test_the_header_alone_tells_the_size(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("step", [2, 3])
-@pytest.mark.parametrize("suffix", [suffix for suffix in FORMATS if suffix != ".bin"])
+@pytest.mark.parametrize("suffix", [suffix for suffix in FORMATS if suffix not in OWN_CODES])
 def test_reduced_voxels_are_some_of_the_whole_at_their_place(tmp_path, suffix, step):
     path = save(tmp_path / f"b.{suffix.lstrip('.')}", small_breast())
     whole, part = read_phantom(path), read_phantom(path, reduce=step)

@@ -75,8 +75,9 @@ def test_a_label_map_from_a_file(tmp_path):
     ("text", "message"),
     [
         ("0: air\n7: liver\n", r"label 7: found 'liver', expected one of air"),
-        ("zero: air\n", r"label 'zero': expected a whole number"),
-        ("true: air\n", r"label True: expected a whole number"),
+        ("zero: air\n", r"label 'zero': expected a number of at most 3 decimals"),
+        ("1.23456: air\n", r"label 1.23456: expected a number of at most 3"),
+        ("true: air\n", r"label True: expected a number"),
         ("- 1\n", "expected lines of 'label: tissue'"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -59,7 +60,8 @@ def convert_volume(
     target : path
         Its ending says the format (`WRITERS`); what is there is replaced.
     labels : str, optional
-        Label map by which values become mammosim's own labels; left out, values stay as they are.
+        Label map by which values become mammosim's own labels; left out, values stay as they are,
+        but for those that are no whole numbers.
     axes, voxel_mm, reduce
         As in `read_phantom`.
 
@@ -71,14 +73,18 @@ def convert_volume(
     source, target = Path(source), Path(target)
     write = writer_of(target)
     _check_other_files(source, target)
-    label_map = None if labels is None else load_label_map(labels)
+    label_map: Mapping[Any, str] | None = None if labels is None else load_label_map(labels)
     volume = read_volume(source, axes, voxel_mm, reduce, label_map)
+    if volume.decimals:
+        label_map = volume.label_map  # in whole numbers
     counts = count_values(volume.values, source)
     if label_map is None:
         values = _in_fewest_bits(volume, counts, source)
     else:
         voxel_mm3 = float(np.prod(volume.voxel_mm))
-        values = translated(volume.values, counts, label_map, voxel_mm3, source)
+        values = translated(
+            volume.values, counts, label_map, voxel_mm3, source, decimals=volume.decimals
+        )
         counts = count_values(values, source)
     nx, ny, nz = values.shape
     frame = VoxelFrame(volume.origin_mm, volume.voxel_mm, (nx, ny, nz))

@@ -88,6 +88,8 @@ def read_phantom(
     given = None if labels is None else load_label_map(labels)
     volume = read_volume(path, axes, voxel_mm, reduce, given)
     label_map = given or volume.label_map or LABEL_MAPS[DEFAULT_LABELS]
+    if volume.decimals and volume.label_map is not None:
+        label_map = volume.label_map  # in whole numbers
     own = {} if volume.table is None else dict(volume.table.lesions)
     if volume.table is not None and given is not None:
         label_map = {**volume.table.tissue_of_value, **given}
@@ -178,7 +180,7 @@ def _tissue_labels(
     """Labels of the tissue table, [x, y, z] with z contiguous, from the file's own values."""
     counts = count_values(volume.values, path)
     voxel_mm3 = float(np.prod(volume.voxel_mm))
-    labels = translated(volume.values, counts, label_map, voxel_mm3, path, kept)
+    labels = translated(volume.values, counts, label_map, voxel_mm3, path, kept, volume.decimals)
     if all(label_map[value] == "air" for value in counts):
         raise InputError(f"{path}: holds no tissue, only labels {sorted(counts)} which are air")
     return labels

@@ -33,6 +33,7 @@ def translated(
     voxel_mm3: float,
     path: Path,
     kept: Collection[int] = (),
+    decimals: int = 0,
 ) -> NDArray[np.uint8]:
     """Labels of the tissue table.
 
@@ -50,6 +51,8 @@ def translated(
         For messages.
     kept : collection of int
         Values that stay what they are: labels of single lesions.
+    decimals : int
+        Of the file's labels, where they are no whole numbers (see `Volume`).
 
     Returns
     -------
@@ -61,7 +64,7 @@ def translated(
     InputError
         If a value is not in the map; lists all such values with their volume.
     """
-    _check_known(counts, label_map, voxel_mm3, path)
+    _check_known(counts, label_map, voxel_mm3, path, decimals)
     keys = np.array(sorted(counts))
     labels = np.array(
         [key if key in kept else TISSUES[label_map[int(key)]].label for key in keys], np.uint8
@@ -90,6 +93,36 @@ def _tiles(shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
     """Cubes that fill an array; one and its transpose fit into a core's cache together."""
     for corner in product(*(range(0, side, TILE_SIDE) for side in shape)):
         yield tuple(slice(start, start + TILE_SIDE) for start in corner)
+
+
+def whole_labels(values: NDArray[Any], decimals: int, path: Path) -> NDArray[np.int32]:
+    """Labels that are no whole numbers times 10 to the number of their decimals.
+
+    Parameters
+    ----------
+    values : ndarray, [i, j, k]
+    decimals : int
+    path : path
+        For messages.
+
+    Raises
+    ------
+    InputError
+        If a value has more decimals, or is no label at all.
+    """
+    whole = np.empty(values.shape, np.int32)
+    for layer, plane in zip(whole, values, strict=True):
+        scaled = plane.astype(np.float64) * 10**decimals
+        rounded = np.rint(scaled)
+        # Not (> tolerance), so that NaN is refused too; 32-bit floats miss 3.3 by 5e-8.
+        odd = ~((np.abs(scaled - rounded) < 1e-3) & (np.abs(rounded) < 2**31))
+        if odd.any():
+            raise InputError(
+                f"{path}: holds the value {plane[odd][0]:g}, expected labels of at most {decimals} "
+                f"decimal{'s' if decimals > 1 else ''}, as the label map has"
+            )
+        layer[...] = rounded
+    return whole
 
 
 def count_values(values: NDArray[Any], path: Path) -> dict[int, int]:
@@ -141,17 +174,27 @@ def _counted(block: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
 
 
 def _check_known(
-    counts: Mapping[int, int], label_map: Mapping[int, str], voxel_mm3: float, path: Path
+    counts: Mapping[int, int],
+    label_map: Mapping[int, str],
+    voxel_mm3: float,
+    path: Path,
+    decimals: int = 0,
 ) -> None:
     unknown = [value for value in sorted(counts) if value not in label_map]
     if not unknown:
         return
-    known = ", ".join(f"{label} {tissue}" for label, tissue in label_map.items())
+    known = ", ".join(f"{_shown(label, decimals)} {name}" for label, name in label_map.items())
     shown = [
-        f"{path}: label {value} ({counts[value] * voxel_mm3 / 1000:.3g} mL) is not in the label map"
+        f"{path}: label {_shown(value, decimals)} ({counts[value] * voxel_mm3 / 1000:.3g} mL) is "
+        "not in the label map"
         for value in unknown[:MOST_SHOWN]
     ]
     if len(unknown) > MOST_SHOWN:
         more = len(unknown) - MOST_SHOWN
         shown.append(f"{path}: and {more} more labels that are not in the label map")
     raise InputError([*shown, f"{path}: known labels: {known}"])
+
+
+def _shown(value: int, decimals: int) -> str:
+    """A label as the file has it."""
+    return f"{value / 10**decimals:g}" if decimals else str(value)

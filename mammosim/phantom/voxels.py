@@ -14,7 +14,8 @@ from mammosim.phantom.memory import MOST_REDUCED, check_memory
 from mammosim.phantom.readers import Volume, VoxelFile, open_voxels
 from mammosim.phantom.readers.axes import AXES_EXPECTED, are_axes, turn
 from mammosim.phantom.readers.volume import checked_spacing
-from mammosim.tissues import DEFAULT_LABELS, LABEL_MAPS
+from mammosim.phantom.translate import whole_labels
+from mammosim.tissues import DEFAULT_LABELS, LABEL_MAPS, decimals_of, in_whole_numbers
 
 LEAST_LENGTH_MM, MOST_LENGTH_MM = 5.0, 1000.0
 """Of a volume's longest side: shorter or longer ones are some other unit's. Chosen."""
@@ -95,6 +96,11 @@ def read_volume(
             f"{' x '.join(map(str, voxels.values.shape))} of {opened.count / 1e6:.4g} million"
         )
     tissue_of = label_map or opened.label_map or LABEL_MAPS[DEFAULT_LABELS]
+    decimals = decimals_of(tissue_of)
+    if decimals:
+        tissue_of = in_whole_numbers(tissue_of, decimals)
+        values = whole_labels(voxels.values, decimals, opened.path)
+        voxels = voxels._replace(values=values)
     found = find_chest_wall(voxels.values, tissue_of)
     letters, orientation, remarks = _orientation(opened, axes, found)
     first = voxels.first_mm if voxels.first_mm is not None else opened.first_mm
@@ -104,8 +110,8 @@ def read_volume(
     remarks += _size_remarks(opened, spacing)
     values, spacing, origin = turn(voxels.values, spacing, first, letters, reduce)
     return Volume(
-        values, spacing, origin, orientation, opened.laterality, opened.label_map,
-        (*notes, *remarks), opened.table,
+        values, spacing, origin, orientation, opened.laterality,
+        tissue_of if decimals else opened.label_map, (*notes, *remarks), opened.table, decimals,
     )  # fmt: skip
 
 

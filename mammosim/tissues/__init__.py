@@ -1,6 +1,13 @@
 """The tissue table: labels, stiffness and material of each tissue, and label maps."""
 
-from mammosim.tissues.label_maps import DEFAULT_LABELS, LABEL_MAPS, load_label_map, nearest_tissue
+from mammosim.tissues.label_maps import (
+    DEFAULT_LABELS,
+    LABEL_MAPS,
+    decimals_of,
+    in_whole_numbers,
+    load_label_map,
+    nearest_tissue,
+)
 from mammosim.tissues.materials import (
     CALCIFICATIONS,
     COMPOSITION_SETS,
@@ -41,7 +48,9 @@ __all__ = [
     "SkinSheet",
     "Tissue",
     "composition",
+    "decimals_of",
     "density_g_cm3",
+    "in_whole_numbers",
     "load_label_map",
     "nearest_tissue",
     "poisson_ratio",

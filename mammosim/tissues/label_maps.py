@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import math
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -10,10 +12,13 @@ from mammosim.config import read_yaml
 from mammosim.errors import InputError
 from mammosim.tissues.table import _TABLE, TISSUES
 
-LABEL_MAPS: MappingProxyType[str, MappingProxyType[int, str]] = MappingProxyType(
+LABEL_MAPS: MappingProxyType[str, MappingProxyType[Any, str]] = MappingProxyType(
     {name: MappingProxyType(mapping) for name, mapping in _TABLE["label_maps"].items()}
 )
 """Label maps that come with mammosim, by name."""
+
+MAX_DECIMALS = 3
+"""Of a value in a label map."""
 
 
 OTHER_NAMES = {
@@ -32,7 +37,7 @@ DEFAULT_LABELS = "mammosim"
 """Label map of files that do not say what their values stand for."""
 
 
-def load_label_map(name_or_path: str) -> MappingProxyType[int, str]:
+def load_label_map(name_or_path: str) -> MappingProxyType[Any, str]:
     """A label map by name, or from a YAML file of `label: tissue` lines.
 
     Parameters
@@ -42,13 +47,13 @@ def load_label_map(name_or_path: str) -> MappingProxyType[int, str]:
 
     Returns
     -------
-    mapping of int to str
+    mapping of int or float to str
         File label to tissue name.
 
     Raises
     ------
     InputError
-        If there is no such map or file, or an entry is not `whole number: tissue`.
+        If there is no such map or file, or an entry is not `number: tissue`.
     """
     if name_or_path in LABEL_MAPS:
         return LABEL_MAPS[name_or_path]
@@ -58,6 +63,31 @@ def load_label_map(name_or_path: str) -> MappingProxyType[int, str]:
             f"{', '.join(LABEL_MAPS)} or the path of a .yaml file"
         )
     return MappingProxyType(_checked(read_yaml(name_or_path), str(name_or_path)))
+
+
+def decimals_of(label_map: Mapping[Any, str]) -> int:
+    """Decimals that the values of a label map have at most.
+
+    Examples
+    --------
+    >>> decimals_of({0: "air", 2: "gland"}), decimals_of({1.1: "gland", 2: "adipose"})
+    (0, 1)
+    """
+    for decimals in range(MAX_DECIMALS):
+        if all(math.isclose(key * 10**decimals, round(key * 10**decimals)) for key in label_map):
+            return decimals
+    return MAX_DECIMALS
+
+
+def in_whole_numbers(label_map: Mapping[Any, str], decimals: int) -> dict[int, str]:
+    """A label map whose values are 10 to the `decimals` times what they were.
+
+    Examples
+    --------
+    >>> in_whole_numbers({-1: "air", 1.1: "gland"}, 1)
+    {-10: 'air', 11: 'gland'}
+    """
+    return {round(key * 10**decimals): tissue for key, tissue in label_map.items()}
 
 
 def nearest_tissue(name: Any) -> str | None:
@@ -79,13 +109,15 @@ def _suggestion(name: Any) -> str:
     return f" (did you mean '{near}'?)" if near else ""
 
 
-def _checked(entries: Any, where: str) -> dict[int, str]:
+def _checked(entries: Any, where: str) -> dict[Any, str]:
     if not isinstance(entries, dict) or not entries:
         raise InputError(f"{where}: expected lines of 'label: tissue'")
     problems = []
     for label, tissue in entries.items():
-        if isinstance(label, bool) or not isinstance(label, int):
-            problems.append(f"{where}: label {label!r}: expected a whole number")
+        if not _is_label(label):
+            problems.append(
+                f"{where}: label {label!r}: expected a number of at most {MAX_DECIMALS} decimals"
+            )
         if not isinstance(tissue, str) or tissue not in TISSUES:
             problems.append(
                 f"{where}: label {label!r}: found {tissue!r:.60}{_suggestion(tissue)}, expected "
@@ -94,3 +126,10 @@ def _checked(entries: Any, where: str) -> dict[int, str]:
     if problems:
         raise InputError(problems)
     return dict(entries)
+
+
+def _is_label(label: Any) -> bool:
+    if isinstance(label, bool) or not isinstance(label, int | float) or not abs(label) < 2**31:
+        return False
+    scaled = label * 10**MAX_DECIMALS
+    return math.isclose(scaled, round(scaled), rel_tol=1e-12)

@@ -21,6 +21,7 @@ from mammosim.phantom.readers.numpy_files import open_npy, open_npz
 from mammosim.phantom.readers.openvct import open_openvct
 from mammosim.phantom.readers.thesis import open_thesis
 from mammosim.phantom.readers.tiff import TIFF_AXES_KEY, open_tiff
+from mammosim.phantom.readers.uwcem import open_uwcem
 from mammosim.phantom.readers.volume import Volume, VoxelFile, Voxels
 
 READERS: dict[str, Callable[[Path], VoxelFile]] = {
@@ -36,6 +37,7 @@ READERS: dict[str, Callable[[Path], VoxelFile]] = {
     ".tiff": open_tiff,
     ".vctx": open_openvct,
     ".bin": open_thesis,
+    ".txt": open_uwcem,
 }
 """What reads the header of each known ending; a folder is a DICOM series."""
 

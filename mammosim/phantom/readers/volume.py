@@ -120,6 +120,9 @@ class Volume:
         What was assumed or mended.
     table : LabelTable, optional
         Of a volume that mammosim wrote.
+    decimals : int
+        Where the labels are no whole numbers, their decimals: `values` and `label_map` are 10 to
+        that power times the file's.
     """
 
     values: NDArray[Any]
@@ -130,6 +133,7 @@ class Volume:
     label_map: Mapping[int, str] | None = None
     notes: tuple[str, ...] = ()
     table: LabelTable | None = None
+    decimals: int = 0
 
 
 def checked_shape(shape: ArrayLike, path: Path) -> tuple[int, int, int]:
