@@ -30,12 +30,6 @@ from mammosim.reconstruction import Reconstruction
 BITS = 12
 """Bits of a pixel."""
 
-SHOWN_QUANTILES = (0.01, 0.9995)
-"""Of the values in the breast, what is black and what is white."""
-
-TISSUE_SHARE = 0.3
-"""Voxels above this share of the slices' 99th percentile are taken for tissue by `sart`."""
-
 _METHODS = {
     "fdk": ("FILTER_BACK_PROJ", "Feldkamp, Davis and Kress"),
     "sart": ("ITERATIVE", "SART"),
@@ -75,7 +69,7 @@ def slice_dataset(
 ) -> Dataset:
     """Make the object; the parameters are `write_slice_object`'s."""
     view, (count, rows, columns) = volume.gantry.view, volume.grid.shape
-    low, high = shown_range(volume)
+    low, high = volume.shown_range
     dataset = Dataset()
     for attributes in (
         series_and_equipment(study, settings, "slices", view, " slices"),
@@ -111,21 +105,6 @@ def slice_dataset(
 
 IMAGE_TYPE = ["DERIVED", "PRIMARY", "TOMOSYNTHESIS", "NONE"]
 LARGEST = (1 << BITS) - 1
-
-
-def shown_range(volume: Reconstruction) -> tuple[float, float]:
-    """Attenuation coefficients, 1/mm, of the lowest and the highest pixel value.
-
-    They are taken from every eighth row and column of the middle half of the slices, from what is
-    tissue.
-    """
-    count = volume.slices.shape[0]
-    sample = volume.slices[count // 4 : max(count // 4 + 1, 3 * count // 4), ::8, ::8]
-    inside = sample[sample > TISSUE_SHARE * np.quantile(sample, 0.99)]
-    if volume.settings.method == "fdk" or inside.size == 0:
-        inside = sample
-    low, high = (float(value) for value in np.quantile(inside, SHOWN_QUANTILES))
-    return low, max(high, low + 1e-6)
 
 
 def pixels_of(volume: Reconstruction, low: float, high: float) -> NDArray[np.uint16]:

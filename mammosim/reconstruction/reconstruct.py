@@ -26,6 +26,14 @@ BYTES_PER_PROJECTED_PIXEL = {"fdk": 12, "sart": 12}
 """Line integrals, and the copies that RTK makes of a few projections at a time."""
 
 
+SHOWN_QUANTILES = (0.01, 0.9995)
+"""Of the values in the breast, what is shown black and what white."""
+
+TISSUE_SHARE = 0.3
+"""Voxels above this share of the 99th percentile are taken for tissue. Assumed; fat has 0.5 or more
+of gland's attenuation."""
+
+
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
     """Slices of a compressed breast.
@@ -45,6 +53,21 @@ class Reconstruction:
     grid: VolumeGrid
     gantry: Gantry
     settings: ReconstructionSettings
+
+    @property
+    def shown_range(self) -> tuple[float, float]:
+        """Attenuation coefficients that are shown black and white, 1/mm.
+
+        They are taken from every eighth row and column of the middle half of the slices; of `sart`,
+        whose air is nearly 0, from what is tissue.
+        """
+        count = self.slices.shape[0]
+        sample = self.slices[count // 4 : max(count // 4 + 1, 3 * count // 4), ::8, ::8]
+        inside = sample[sample > TISSUE_SHARE * np.quantile(sample, 0.99)]
+        if self.settings.method == "fdk" or inside.size == 0:
+            inside = sample
+        low, high = (float(value) for value in np.quantile(inside, SHOWN_QUANTILES))
+        return low, max(high, low + 1e-6)
 
 
 @documents_keys(ReconstructionSettings, ReconstructionKeys)

@@ -37,7 +37,7 @@ def picture_data_uri(mammogram: Mammogram, crop: Crop, rows: int) -> str:
     down = slice(crop.top, crop.top + crop.rows)
     across = slice(crop.left, crop.left + crop.columns)
     factor = max(1, round(crop.rows / rows))
-    pixels = _block_means(mammogram.for_presentation[down, across], factor)
+    pixels = block_means(mammogram.for_presentation[down, across], factor)
     half = (mammogram.window_width - 1.0) / 2.0
     middle = mammogram.window_center - 0.5  # DICOM's linear window, PS3.3 C.11.2.1.2.1
     grey = np.rint(np.interp(pixels, [middle - half, middle + half], [0.0, 255.0]))
@@ -51,7 +51,7 @@ def jpeg_data_uri(grey: NDArray[np.uint8]) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
-def _block_means(pixels: NDArray[Any], factor: int) -> NDArray[np.float64]:
+def block_means(pixels: NDArray[Any], factor: int) -> NDArray[np.float64]:
     """Mean of blocks of factor x factor pixels; the last ones are filled up by repetition."""
     missing = [(0, -size % factor) for size in pixels.shape]
     padded = np.pad(pixels, missing, mode="edge")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
 from mammosim.geometry import View
+from mammosim.reconstruction import Reconstruction
 from mammosim.report.crop import Crop, common_crops
 from mammosim.report.figures import picture_data_uri
 from mammosim.report.labels import Label, Marked, place_labels, sampled
@@ -30,10 +31,13 @@ class ReportedView:
     squeezed : CompressedBreast
     mammogram : Mammogram or None
         None where the run stopped before the exposure.
+    reconstruction : Reconstruction or None
+        Slices of a series of projections, where they were asked for.
     """
 
     squeezed: CompressedBreast
     mammogram: Mammogram | None = None
+    reconstruction: Reconstruction | None = None
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from mammosim.report.markers import shift_arrows
 from mammosim.report.quantities import NOT_KNOWN, number, quantity
 from mammosim.report.realism import appearance_findings, realism
 from mammosim.report.settings import ReportSettings
+from mammosim.report.slices import slice_stacks
 from mammosim.targets import ShiftAnswers, Target
 
 _SIDES = {"L": "Left breast", "R": "Right breast"}
@@ -73,6 +74,7 @@ def render_report(
         status=_STATUS.get(record.get("status", "done"), ""),
         warnings=_warnings(ordered, record),
         hanging=hanging(ordered, targets, settings),
+        stacks=slice_stacks(ordered, targets),
         lesions=_lesions(ordered, targets),
         shift_views=_shift_views(ordered, targets),
         shift=shift_section(ordered, targets, answers or ShiftAnswers(), settings),

@@ -162,7 +162,10 @@ class RunFolder:
         self._write_tables(study)
         record = self._record(study, status)
         if self._config.report.html:
-            views = [ReportedView(view.squeezed, view.mammogram) for view in study.views.values()]
+            views = [
+                ReportedView(view.squeezed, view.mammogram, view.reconstruction)
+                for view in study.views.values()
+            ]
             page = render_report(
                 views, study.targets, record, self._config.report, self._title, study.answers
             )
