@@ -4,17 +4,21 @@ import numpy as np
 import pytest
 
 import mammosim
+from mammosim._jit import one_blas_thread
 from mammosim.compression import in_posture
+from mammosim.compression.hyperelastic import trust_region
 from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import Contact
 from mammosim.compression.hyperelastic.structure import Structure
 from mammosim.compression.hyperelastic.surface import SurfacePoints
-from mammosim.compression.hyperelastic.trust_region import minimise
 from mammosim.compression.multigrid import Workspace
 from mammosim.compression.plates._straight_kernels import StraightPlate
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
 from mammosim.geometry import View
+
+minimise = one_blas_thread(trust_region.minimise)
+"""As `compress` calls it: threads of BLAS only wait for each other in matrices so small."""
 
 KEYS = {
     "model": "hyperelastic", "stiffness": "krouskop", "resolution_mm": 6.0, "plate_edge_mm": 10.0,

@@ -7,15 +7,19 @@ import pytest
 from scipy.optimize import brentq
 
 import mammosim
+from mammosim._jit import one_blas_thread
+from mammosim.compression.hyperelastic import trust_region
 from mammosim.compression.hyperelastic._element_kernels import element_volumes
 from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import Contact
 from mammosim.compression.hyperelastic.newton import evaluate
 from mammosim.compression.hyperelastic.surface import SurfacePoints
-from mammosim.compression.hyperelastic.trust_region import minimise
 from mammosim.compression.multigrid import Workspace
 from mammosim.compression.plates._straight_kernels import StraightPlate
 from mammosim.errors import InputError
+
+minimise = one_blas_thread(trust_region.minimise)
+"""As `compress` calls it: threads of BLAS only wait for each other in matrices so small."""
 
 REFERENCE = Path(__file__).parents[2] / "shared" / "data" / "fem" / "R1_slide50_grid5mm.npz"
 
@@ -62,10 +66,10 @@ def uniaxial(stretch, local=5.0 * SHEAR):
 
 @pytest.mark.parametrize("stretch", [0.9, 0.6])
 def test_block_with_free_sides_follows_the_neo_hookean_curve(stretch):
-    cells = 6
+    cells = 4
     body = block(cells)
     u = np.zeros((3, *body.shear.shape))
-    for part in np.linspace(0.95, stretch, 4):
+    for part in np.linspace(0.95, stretch, 2):
         contact = between(body, cells, cells * part)
         state = minimise(body, contact, u, 1e-4, Workspace())
         assert state.converged
@@ -75,7 +79,7 @@ def test_block_with_free_sides_follows_the_neo_hookean_curve(stretch):
     # Points touch up to 1e-3 edges deep; single-precision tangents do not touch the result.
     assert force[0] == pytest.approx(cells**2 * traction, rel=5e-3)
     assert force[1] == pytest.approx(force[0], rel=1e-3)
-    width = cells + u[1, 4, cells + 1, 4] - u[1, 4, 1, 4]
+    width = cells + u[1, 3, cells + 1, 3] - u[1, 3, 1, 3]
     assert width / cells == pytest.approx(side, rel=1e-3)
 
 
