@@ -114,3 +114,24 @@ def test_noise_of_the_two_exposures_is_not_the_same():
 
 def test_without_an_agent_there_is_no_pair():
     assert expose(phantom()).contrast is None
+
+
+def test_what_is_shown_has_no_wide_background_and_keeps_a_lesion(image):
+    """Cells of 2 mm, a window of 10 mm: of 20 mm of mass three fifths stay, of gland nothing."""
+    paths = phantom()
+    thinner = np.linspace(1.0, 0.94, SHAPE[0])[:, None]  # 3 mm from end to end
+    lengths = {
+        name: length * thinner
+        for name, length in zip(paths.materials, paths.length_mm, strict=True)
+    }
+    uneven = body_paths(lengths, pixel_mm=PIXEL_MM, thickness_mm=50.0)
+    made = expose(uneven, noise=False, contrast={"parenchyma_mg_ml": 0.0}).contrast.iodine
+    ends = (np.s_[50:60, 10:20], np.s_[150:160, 10:20])
+    before, after = (
+        abs(float(values[ends[0]].mean() - values[ends[1]].mean()))
+        for values in (made.mg_cm2, made.flattened_mg_cm2)
+    )
+    assert before > 0.8
+    assert after < 0.25 * before
+    flat = image.contrast.iodine.flattened_mg_cm2
+    assert 0.5 < inner(flat, LESION) - inner(flat, FAT) < 0.9

@@ -113,7 +113,8 @@ def _contrast_pair(
     """The high-energy exposure, the image of iodine, and what is doubtful about the former."""
     settings = high_energy_settings(low.settings, agent, 1.0)
     high = arrive(low.paths, settings, breast, seed=seed)
-    mas = high_energy_mas(agent, image.dose_mgy, dose_of(high, 1.0)[0].mgd_mgy)
+    dose, factors = dose_of(high, 1.0)
+    mas = high_energy_mas(agent, image.dose_mgy, dose.mgd_mgy)
     high = replace(high, settings=high_energy_settings(low.settings, agent, mas))
     rng = np.random.Generator(np.random.Philox(seed).jumped())
     signal, exposure = record(high, mas, rng)
@@ -121,7 +122,8 @@ def _contrast_pair(
     gain = counts_per_kev_mm2(exposure.air_signal / pixel_mm2) / pixel_mm2
     iodine = recombine(low, high, attenuation, primary_attenuation(high, signal, exposure))
     exposed = judged(mammogram_of(high, exposure, signal, gain), high, mas)
-    new = [f"high energy: {note}" for note in exposed.notes if note not in image.notes]
+    known = {*image.notes, *(factors.notes if exposed.dose_method == "monte-carlo" else ())}
+    new = [f"high energy: {note}" for note in exposed.notes if note not in known]
     return ContrastPair(exposed, iodine), new
 
 

@@ -77,6 +77,8 @@ class IodineImage:
     ----------
     mg_cm2 : ndarray of float32, [row, column]
         Iodine over that of the breast's middle, mg/cm2.
+    flattened_mg_cm2 : ndarray of float32, [row, column]
+        The same without its wide background, for reading.
     weight : float
         Weight of the low-energy image.
     per_mg_cm2 : float
@@ -84,6 +86,7 @@ class IodineImage:
     """
 
     mg_cm2: NDArray[np.float32]
+    flattened_mg_cm2: NDArray[np.float32]
     weight: float
     per_mg_cm2: float
 

@@ -83,7 +83,7 @@ def contrast_datasets(
     objects: tuple[tuple[str, str, Intent, Mammogram, dict[str, Any], NDArray[np.uint16]], ...] = (
         ("high_energy", "high energy", "processing", high, exposure, high.for_processing),
         ("recombined", "iodine", "presentation", mammogram, _recombined(mammogram, study),
-         iodine_pixels(mammogram.contrast.iodine.mg_cm2)),
+         iodine_pixels(mammogram.contrast.iodine.flattened_mg_cm2)),
     )  # fmt: skip
     for name, series, intent, technique, own, pixels in objects:
         filled = (
