@@ -8,32 +8,47 @@ import pydicom
 import pytest
 import SimpleITK as sitk
 from make_run import FEW_PHOTONS
-from naive.projection import phantom, unsqueezed
+from naive.projection import phantom
 
 from mammosim.acquisition import expose_arc
-from mammosim.export import ExportSettings, StudyIdentity, write_reconstruction, write_series
+from mammosim.compression import compress
+from mammosim.export import (
+    ExportSettings,
+    StudyIdentity,
+    slice_masks,
+    write_reconstruction,
+    write_series,
+)
+from mammosim.phantom import Lesion
 from mammosim.projection import project_arc
 from mammosim.reconstruction import Reconstruction, ReconstructionSettings, volume_grid
+from mammosim.targets import find_targets, in_volume
 
 ANGLES = 20.0
+# Two by two voxels of 5 mm in the plane, one of 8 mm in height: x 15 to 25, y -5 to 5, z 16 to 24.
+BLOCK = Lesion("block", "mass", 211, "mass", np.array([20.0, 0.0, 20.0]), 800.0, 1.0)
 
 
 @pytest.fixture(scope="module")
 def view(tmp_path_factory):
     """A slab of fat from three angles, and slices whose values count up."""
     labels = np.full((8, 14, 5), 1, np.uint8)
-    breast = unsqueezed(phantom(labels, [5.0, 5.0, 8.0], [2.5, -32.5, 4.0]), plates_mm=(0.0, 40.0))
+    labels[3:5, 6:8, 2] = BLOCK.label
+    block = phantom(labels, [5.0, 5.0, 8.0], [2.5, -32.5, 4.0], lesions=(BLOCK,))
+    breast = compress(block, model="none")
     arc = project_arc(
         breast, {"projections": 3, "angle_range_deg": ANGLES, "shares": [1, 2, 1]},
         pixel_mm=2.0, detector_mm=[150.0, 60.0],
     )  # fmt: skip
     series = expose_arc(arc, mas=60.0, **FEW_PHOTONS)
-    grid = volume_grid(series.middle.gantry, 40.0, 10.0)
+    grid = volume_grid(series.middle.gantry, 40.0, 4.0)
     slices = np.linspace(0.01, 0.09, grid.voxels, dtype=np.float32).reshape(grid.shape)
     volume = Reconstruction(slices, grid, series.middle.gantry, ReconstructionSettings())
+    targets = [in_volume(one, grid) for one in find_targets(breast, arc.paths(1))]
+    masks = slice_masks(breast, volume, targets)
     folder, study = tmp_path_factory.mktemp("dbt"), StudyIdentity("a1")
     write_series(folder, series, arc.paths(1), (), ExportSettings(), study)
-    write_reconstruction(folder, series, volume, ExportSettings(), study)
+    write_reconstruction(folder, series, volume, masks, ExportSettings(), study)
     return folder, series, volume
 
 
@@ -82,6 +97,31 @@ def test_slices_lie_in_the_patient_as_the_nifti_volume_does(view):
     np.testing.assert_allclose(along, [0, -1, 0, -1, 0, 0], atol=1e-9)
 
 
+def test_the_segmentation_marks_the_voxels_of_the_lesion(view):
+    """Their places, by the file's own geometry, are in the block, and all of it is marked."""
+    folder, _, volume = view
+    stored = pydicom.dcmread(folder / "reconstruction_lesions.dcm")
+    (segment,) = stored.SegmentSequence
+    assert segment.SegmentLabel == "block"
+    shared = stored.SharedFunctionalGroupsSequence[0]
+    along = np.array(shared.PlaneOrientationSequence[0].ImageOrientationPatient, float)
+    spacing = np.array(shared.PixelMeasuresSequence[0].PixelSpacing, float)
+    places = []
+    frames = np.atleast_3d(stored.pixel_array).reshape(-1, stored.Rows, stored.Columns)
+    for groups, mask in zip(stored.PerFrameFunctionalGroupsSequence, frames, strict=True):
+        corner = np.array(groups.PlanePositionSequence[0].ImagePositionPatient, float)
+        for row, column in np.argwhere(mask):
+            step = column * spacing[1] * along[:3] + row * spacing[0] * along[3:]
+            places.append(corner + step)
+    left, posterior, superior = np.array(places).T  # LPS
+    x, y, z = -posterior, left, superior
+    for axis, low, high in ((x, 15.0, 25.0), (y, -5.0, 5.0), (z, 16.0, 24.0)):
+        assert axis.min() >= low - 1e-6
+        assert axis.max() <= high + 1e-6
+    voxel_mm3 = volume.grid.slice_mm * volume.grid.pixel_mm**2
+    assert len(places) * voxel_mm3 == pytest.approx(800.0, rel=0.25)  # whole voxels of 2 x 2 x 4 mm
+
+
 def test_a_comment_says_what_a_pixel_value_is(view):
     folder, _, volume = view
     stored = pydicom.dcmread(folder / "reconstruction.dcm")
@@ -95,12 +135,22 @@ def test_a_comment_says_what_a_pixel_value_is(view):
 
 @pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy is not installed")
 @pytest.mark.parametrize(
-    "name", ["projections_for_processing", "projections_for_presentation", "reconstruction"]
+    "name",
+    [
+        "projections_for_processing",
+        "projections_for_presentation",
+        "reconstruction",
+        "reconstruction_lesions",
+    ],
 )
 def test_the_objects_have_no_errors(view, name):
     checked = subprocess.run(
         ["dciodvfy", view[0] / f"{name}.dcm"], capture_output=True, text=True, check=False
     )
     said = checked.stdout + checked.stderr
-    assert "Image" in said.splitlines()[0] or "Image" in said
+    assert said.split()[0] in (
+        "BreastProjectionXRayImage",
+        "BreastTomosynthesisImage",
+        "Segmentation",
+    )
     assert [line for line in said.splitlines() if line.startswith("Error")] == []

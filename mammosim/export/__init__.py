@@ -30,6 +30,7 @@ from mammosim.export.series import (
     write_series,
 )
 from mammosim.export.settings import ExportSettings
+from mammosim.export.slice_masks import SliceMask, slice_masks
 from mammosim.export.tables import (
     compression_summary,
     csv_text,
@@ -59,6 +60,7 @@ __all__ = [
     "LesionMask",
     "PatientKeys",
     "PatientSettings",
+    "SliceMask",
     "StudyIdentity",
     "age_problems",
     "compression_summary",
@@ -72,6 +74,7 @@ __all__ = [
     "read_geometry",
     "reconstruction_geometry",
     "series_geometry",
+    "slice_masks",
     "text_of_csv",
     "whole_file",
     "write_compressed",

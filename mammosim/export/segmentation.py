@@ -23,6 +23,7 @@ from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.orientation import patient_orientation
 from mammosim.export.settings import ExportSettings
 from mammosim.phantom import LESION_KINDS
+from mammosim.targets import Target
 
 LESION_COLORS = ("yellow", "cyan", "magenta", "lime", "orange", "deepskyblue")
 """Recommended display colours of segments (names of CSS), in turn."""
@@ -86,7 +87,8 @@ def segmentation_dataset(
         pixel_array=np.stack([lesion.mask for lesion in masks], axis=-1)[np.newaxis],
         segmentation_type=hd.seg.SegmentationTypeValues.BINARY,
         segment_descriptions=[
-            _description(number, lesion, study) for number, lesion in enumerate(masks, start=1)
+            segment_description(number, lesion.target, study)
+            for number, lesion in enumerate(masks, start=1)
         ],
         **place_in_study(study, "segmentation", view),
         manufacturer_model_name="mammosim",
@@ -104,10 +106,10 @@ def segmentation_dataset(
     return segmentation
 
 
-def _description(
-    number: int, lesion: LesionMask, study: StudyIdentity
+def segment_description(
+    number: int, target: Target, study: StudyIdentity
 ) -> hd.seg.SegmentDescription:
-    target = lesion.target
+    """What a segment stands for: kind, name and target id of a lesion."""
     category, kind = lesion_codes(target.kind)
     description = hd.seg.SegmentDescription(
         segment_number=number,

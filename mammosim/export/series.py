@@ -22,6 +22,7 @@ from mammosim.export.pictures import (
 )
 from mammosim.export.projection_objects import write_projections
 from mammosim.export.settings import ExportSettings
+from mammosim.export.slice_masks import SliceMask, write_slice_masks
 from mammosim.export.slice_objects import write_slice_object
 from mammosim.export.volumes import write_slices
 from mammosim.projection import PathLengths
@@ -83,6 +84,7 @@ def write_reconstruction(
     folder: str | PathLike[str],
     series: Tomosynthesis,
     volume: Reconstruction,
+    masks: Sequence[SliceMask],
     settings: ExportSettings,
     study: StudyIdentity,
 ) -> None:
@@ -94,6 +96,8 @@ def write_reconstruction(
         The view's folder, as ``run/LCC_DBT``.
     series : Tomosynthesis
     volume : Reconstruction
+    masks : sequence of SliceMask
+        Of its lesions (see `slice_masks`).
     settings : ExportSettings
     study : StudyIdentity
 
@@ -107,6 +111,9 @@ def write_reconstruction(
         write_slices(volume, folder / SLICES)
     if settings.dicom:
         write_slice_object(series, volume, folder / "reconstruction.dcm", study, settings)
+        if any(one.mask.any() for one in masks):
+            path = folder / "reconstruction_lesions.dcm"
+            write_slice_masks(masks, series, volume, path, study, settings)
 
 
 def series_geometry(series: Tomosynthesis) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from mammosim.export import (
     StudyIdentity,
     reconstruction_geometry,
     series_geometry,
+    slice_masks,
     whole_file,
     write_compressed,
     write_images,
@@ -142,8 +143,9 @@ class RunFolder:
                 folder, result.series, result.paths, result.lesion_images, export, self._identity
             )
             if result.reconstruction is not None:
+                masks = slice_masks(result.squeezed, result.reconstruction, result.targets)
                 write_reconstruction(
-                    folder, result.series, result.reconstruction, export, self._identity
+                    folder, result.series, result.reconstruction, masks, export, self._identity
                 )
         else:
             write_images(
