@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim import InputError, compress, expose_arc, load_config, project_arc, reconstruct
-from mammosim.acquisition import Tomosynthesis
+from mammosim.acquisition.settings import ScatterSettings
 from mammosim.phantom import BreastPhantom, Lesion, make_phantom
 from mammosim.projection import ProjectionSettings, TomosynthesisSettings, cast_shadow
 from mammosim.reconstruction import Reconstruction
@@ -64,15 +64,17 @@ def cost(config_file: str) -> None:
     shadow = cast_shadow(compressed, projection, movement)
     size = {"detector_mm": (math.ceil(shadow.height_mm), math.ceil(shadow.width_mm))}
 
-    def projections(settings: ProjectionSettings) -> Tomosynthesis:
-        return expose_arc(project_arc(compressed, movement, settings), view.acquisition)
-
-    coarse = projections(projection.model_copy(update={**size, "pixel_mm": 2.0}))
+    few = view.acquisition.model_copy(update={"scatter": ScatterSettings(photons=10_000)})
+    rough = projection.model_copy(update={**size, "pixel_mm": 2.0})
+    coarse = expose_arc(project_arc(compressed, movement, rough), few)
     reconstruct(coarse, method="sart")  # everything is compiled and loaded
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     print(f"before: peak {before / 1e6:.2f} GB, for phantom and compression")
     cropped = projection.model_copy(update=size)
-    series = timed("projections and exposure", lambda: projections(cropped))
+    series = timed(
+        "projections and exposure",
+        lambda: expose_arc(project_arc(compressed, movement, cropped), view.acquisition),
+    )
     print(f"  {series.projections.shape} pixels, {series.middle.thickness_mm:.1f} mm thick")
     for label, keys in (
         ("FDK", {"method": "fdk"}),
