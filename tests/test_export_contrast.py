@@ -11,8 +11,10 @@ import pydicom
 import pytest
 import tifffile
 from make_records import make_mammogram
+from make_run import invoke, save_breast, write
 
 from mammosim.acquisition.mammogram import ContrastPair, IodineImage
+from mammosim.acquisition.settings import ContrastSettings
 from mammosim.export import ExportSettings, StudyIdentity
 from mammosim.export.contrast import write_contrast
 from mammosim.export.dicom import mammogram_dataset
@@ -84,3 +86,27 @@ def test_dciodvfy_finds_no_error(folder, name):
         ["dciodvfy", str(folder / f"{name}.dcm")], capture_output=True, text=True, check=False
     )
     assert "Error" not in said.stdout + said.stderr
+
+
+def test_a_series_of_projections_takes_no_agent(tmp_path):
+    save_breast(tmp_path)
+    path = write(
+        tmp_path, views=[{"dbt": {"view": "CC"}}], acquisition={"contrast": {"filter": "Ti"}}
+    )
+    result = invoke("check", path)
+    assert result.exit_code == 2
+    said = " ".join(result.output.split())
+    assert "CC_DBT: acquisition.contrast belongs to mammograms, not to a series" in said
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"kvp": 30.0}, "greater than or equal to 34"),
+        ({"filter": "Pb"}, "expected one of Mo, Rh, Ag, Al, Cu, Ti"),
+        ({"lesion_mg_ml": -1.0}, "greater than or equal to 0"),
+    ],
+)
+def test_agents_that_cannot_be(keys, message):
+    with pytest.raises(ValueError, match=message):
+        ContrastSettings(**keys)

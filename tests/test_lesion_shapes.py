@@ -226,3 +226,12 @@ def test_another_shape_is_another_run(tmp_path):
         config = load_config(write(tmp_path, phantom={"file": "breast.npz", "lesions": lesions}))
         hashes.add(hash_of(config, InputHashes.of(config)))
     assert len(hashes) == 2
+
+
+def test_a_grid_of_many_voxels_takes_one_line_each(tmp_path):
+    box = trimesh.creation.box((3.3, 110.0, 4.0))
+    shape = read_shape(save_surface(tmp_path / "box.stl", box, (0, 0, 0)))
+    placing = np.column_stack([np.diag([1.0, 10.0, 1.0]), [4.0, 600.0, 3.5]])
+    filled = shape.filled(placing, (9, 1200, 8))  # voxels of 0.1 mm along y
+    assert filled.sum() / 10 == pytest.approx(box.volume, rel=2e-3)
+    assert filled.max() == 1.0

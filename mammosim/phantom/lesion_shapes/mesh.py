@@ -24,9 +24,9 @@ OTHER_MESH_ENDINGS = (".vtk", ".vtu", ".vtp", ".msh", ".inp", ".step", ".stp", "
 MAX_BYTES = 500_000_000
 """Of a file; a surface of a million triangles has 50 MB."""
 
-LINES_PER_VOXEL = 4
+LINES_PER_VOXEL, MAX_LINES = 4, 1000
 """Lines along x through each voxel of the breast, along each of its edges, on which the surface
-is met. Along x the filled part is exact."""
+is met, but no more along an edge of the grid. Along x the filled part is exact."""
 
 LINE_SHIFT = (0.0314159, 0.0271828)
 """By what part of their distance the lines are moved off their even places: then none meets an edge
@@ -118,20 +118,21 @@ def _filled(
     if np.linalg.det(placing[:, :3]) < 0.0:
         faces = faces[:, ::-1]
     # Lines have whole numbers along u and v.
+    per_voxel = int(np.clip(MAX_LINES // max(grid[1:]), 1, LINES_PER_VOXEL))
     u, v = (
-        (vertices[:, axis] + 0.5) * LINES_PER_VOXEL - 0.5 - shift
+        (vertices[:, axis] + 0.5) * per_voxel - 0.5 - shift
         for axis, shift in zip((1, 2), LINE_SHIFT, strict=True)
     )
-    lines = (grid[1] * LINES_PER_VOXEL, grid[2] * LINES_PER_VOXEL)
+    lines = (grid[1] * per_voxel, grid[2] * per_voxel)
     triangles = np.stack([vertices[:, 0], u, v], axis=1)[faces]
     low = np.clip(np.ceil(triangles[:, :, 1:].min(axis=1)), 0, lines).astype(np.int64)
     high = np.clip(np.floor(triangles[:, :, 1:].max(axis=1)) + 1, 0, lines).astype(np.int64)
     sides = np.maximum(high - low, 0)
     behind = np.zeros((grid[0] + 1) * grid[1] * grid[2])
     for part in _parts(np.prod(sides, axis=1)):
-        _add_prisms(triangles[part], low[part], sides[part], grid, behind)
+        _add_prisms(triangles[part], low[part], sides[part], grid, per_voxel, behind)
     filled = np.cumsum(behind.reshape(grid[0] + 1, grid[1], grid[2]), axis=0)[:-1]
-    return np.clip(filled / LINES_PER_VOXEL**2, 0.0, 1.0)
+    return np.clip(filled / per_voxel**2, 0.0, 1.0)
 
 
 def _parts(counts: NDArray[np.int64]) -> list[slice]:
@@ -148,6 +149,7 @@ def _add_prisms(
     low: NDArray[np.int64],
     sides: NDArray[np.int64],
     grid: Grid,
+    per_voxel: int,
     behind: NDArray[np.float64],
 ) -> None:
     """Add to `behind`, whose sum along x is the filled length, what lies behind triangles."""
@@ -165,7 +167,7 @@ def _add_prisms(
     sign = -np.sign(areas[:, 0])
     first = np.clip(np.floor(x + 0.5), 0, grid[0]).astype(np.int64)
     part = np.clip(first + 0.5 - x, 0.0, 1.0)
-    line = np.ravel_multi_index((at // LINES_PER_VOXEL).T, grid[1:])
+    line = np.ravel_multi_index((at // per_voxel).T, grid[1:])
     plane = grid[1] * grid[2]
     behind += np.bincount(first * plane + line, sign * part, len(behind))
     rest = first < grid[0]
