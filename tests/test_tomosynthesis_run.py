@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -244,6 +245,34 @@ def test_an_arc_into_the_breast_is_refused_by_check(folder):
     assert result.exit_code == 2, result.output
     assert (
         "CC_DBT: projection.source_to_detector_mm: found 650, expected more than" in result.output
+    )
+
+
+def test_check_says_what_slices_need_to_be_installed(folder, monkeypatch):
+    monkeypatch.setitem(sys.modules, "itk", None)
+    path = write(folder, "slices.yaml", views=[{"dbt": {**SERIES, "reconstruct": {}}}])
+    result = invoke("check", path)
+    assert result.exit_code == 2, result.output
+    assert "dbt.reconstruct: itk-rtk cannot be imported" in result.output
+    assert 'pip install "mammosim[dbt]"' in result.output
+
+
+def test_check_refuses_slices_larger_than_memory(folder, monkeypatch):
+    for module in ("pipeline.configuration.preflight", "reconstruction.reconstruct"):
+        monkeypatch.setattr(sys.modules[f"mammosim.{module}"], "load_rtk", lambda: None)
+    fine = {"slice_mm": 0.1, "pixel_mm": 0.02}
+    path = write(folder, "small.yaml", views=[{"dbt": {**SERIES, "reconstruct": {}}}])
+    assert invoke("check", path).exit_code == 0
+    # A function of the module's name hides it from a dotted path.
+    module = sys.modules["mammosim.reconstruction.reconstruct"]
+    monkeypatch.setattr(module, "installed_memory", lambda: 4e9)
+    path = write(folder, "fine.yaml", views=[{"dbt": {**SERIES, "reconstruct": fine}}])
+    result = invoke("check", path)
+    assert result.exit_code == 2, result.output
+    assert re.search(
+        r"slices of 0.1 mm with pixels of 0.02 mm, \d+ million voxels, which need "
+        r"\d+\.\d GB; this machine has 4.0 GB",
+        result.output,
     )
 
 

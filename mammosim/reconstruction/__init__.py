@@ -6,6 +6,7 @@ from mammosim.reconstruction.reconstruct import (
     check_reconstruction,
     reconstruct,
     reconstruction_gb,
+    reconstruction_seconds,
 )
 from mammosim.reconstruction.rtk import load_rtk
 from mammosim.reconstruction.settings import ReconstructionSettings, SeriesSettings
@@ -24,5 +25,6 @@ __all__ = [
     "load_rtk",
     "reconstruct",
     "reconstruction_gb",
+    "reconstruction_seconds",
     "volume_grid",
 ]

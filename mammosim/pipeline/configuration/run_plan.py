@@ -9,6 +9,7 @@ from mammosim.errors import InputError
 from mammosim.phantom import PhantomSettings, address_bytes, expected_voxels
 from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.plausibility import doubts
+from mammosim.reconstruction import reconstruction_gb, reconstruction_seconds
 
 # Bytes and seconds below were measured with benchmarks/pipeline.py (see benchmarks/RESULTS.md) on
 # as many cores; the estimates are rounded up and only meant to tell minutes from hours.
@@ -32,6 +33,10 @@ BYTES_A_PROJECTED_PIXEL = 3.0
 
 BASE_BYTES = 4.5e8
 """The interpreter with its libraries and compiled code."""
+
+SHADOW_SHARE, USUAL_MM = 0.5, 50.0
+"""Part of the detector that a breast's shadow covers over an arc, and a compressed thickness where
+it is not known yet, for the size of a reconstruction. Assumed."""
 
 COMPILER_BYTES = 8e8
 """Numba and LLVM while they compile the kernels, in the first run after an installation."""
@@ -123,6 +128,15 @@ def _plan_side(config: RunConfig) -> _SidePlan:
         largest = max(largest, lattice_bytes + pixels * BYTES_A_PIXEL + stack)
         masks = max(masks, pixels * lesions * BYTES_A_LESION_PIXEL)
         line = _view_line(view.label, compression, projection.pixel_mm, nodes, pixels)
+        if sweep and sweep.reconstruct is not None:
+            reconstruct, thickness_mm = sweep.reconstruct, compression.thickness_mm or USUAL_MM
+            pixel_mm = reconstruct.pixel_mm or projection.pixel_mm
+            voxel_mm3 = pixel_mm**2 * reconstruct.slice_mm
+            shadowed = SHADOW_SHARE * height * width * thickness_mm / voxel_mm3
+            used = round(SHADOW_SHARE * pixels * count)
+            slices_gb = reconstruction_gb(used, round(shadowed), reconstruct.method)
+            largest = max(largest, 1e9 * slices_gb + stack)
+            seconds += reconstruction_seconds(count, round(shadowed), reconstruct)
         if sweep:
             line += f", from {count} tube positions over {sweep.angle_range_deg:g} degrees"
         lines.append(line)
