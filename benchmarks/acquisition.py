@@ -14,13 +14,12 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.ndimage import map_coordinates
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import test_acquisition_measured as measured
-from naive.acquisition import disc_paths, edge_paths, half_disc, slab_paths
-from test_acquisition_scatter import ratio_at_centre_of_mass
+from naive.acquisition import boone_ratio, disc_paths, edge_paths, slab_paths
+from test_acquisition_scatter import upright_semicircle
 
 import mammosim
 from mammosim.acquisition import DETECTORS, expose_arc
@@ -28,7 +27,7 @@ from mammosim.acquisition.attenuation import BEAM_MATERIALS, attenuation_per_mm
 from mammosim.acquisition.heel import heel_ratio
 from mammosim.acquisition.noise import noise_through_blur
 from mammosim.acquisition.quality import detective_efficiency, edge_mtf
-from mammosim.acquisition.scatter.convolution import boone_ratio, scatter_signal
+from mammosim.acquisition.scatter import SCATTER_MODELS
 from mammosim.acquisition.spectrum import make_beam
 from mammosim.projection import project_arc
 
@@ -177,54 +176,36 @@ def variance() -> Figure:
 
 
 def scatter() -> Figure:
-    """Error against Boone's formula over its range, and scatter at the breast's edge."""
-    figure, (table, edge) = _figure(2, 9.5, 3.8)
-    diameters, thicknesses = (3, 4, 6, 8, 10, 12, 16, 20, 24, 30), (2, 3, 4, 5, 6, 7, 8)
-    error = np.array([
-        [100.0 * (ratio_at_centre_of_mass(d, t) / boone_ratio(d, t) - 1.0) for d in diameters]
-        for t in thicknesses
-    ])  # fmt: skip
-    print("scatter: error against the formula, per cent; rows", thicknesses, "cm")
-    print(np.round(error, 1))
-    table.imshow(error, vmin=-2, vmax=2, cmap="RdBu_r", aspect="auto")
-    for (row, column), value in np.ndenumerate(error):
-        table.text(column, row, f"{value:.1f}", ha="center", va="center", fontsize=7)
-    table.set_xticks(range(len(diameters)), diameters)
-    table.set_yticks(range(len(thicknesses)), thicknesses)
-    table.set(xlabel="diameter, cm", ylabel="thickness, cm", title="error of SPR, per cent")
-    table.grid(visible=False)
-    _scatter_at_the_edge(edge)
+    """Model `kernels`: slabs beside Monte Carlo and Boone's formula, and a slab's profile."""
+    figure, (slabs, profile) = _figure(2, 9.5, 3.8)
+    thicknesses = np.array([20.0, 40.0, 60.0, 80.0])
+    for plates, colour in ((False, "#3b82c4"), (True, "#c2742d")):
+        found = []
+        for thickness in thicknesses:
+            case = upright_semicircle(thickness, plates)
+            signal = SCATTER_MODELS["kernels"](case).signal
+            middle, at = signal.shape[0] // 2, int(34.0 / case.cell_mm)
+            inside = (slice(middle - 5, middle + 5), slice(at - 5, at + 5))
+            found.append(signal[inside].sum() / case.primary[inside].sum())
+            if thickness == 60.0:
+                x = (np.arange(signal.shape[1]) + 0.5) * case.cell_mm
+                profile.plot(x, signal[middle] / case.primary[middle], color=colour)
+        label = "between plates" if plates else "bare"
+        slabs.plot(thicknesses, found, color=colour, label=f"kernels, {label}")
+        print("kernels,", label, np.round(found, 3))
+    slabs.plot(
+        thicknesses, [0.234, 0.441, 0.637, 0.825], "o", color="#3b82c4", label="MC-GPU, bare"
+    )
+    slabs.plot(thicknesses[1:3], [0.510, 0.725], "s", color="#c2742d", label="MC-GPU, plates")
+    slabs.plot(
+        thicknesses, [boone_ratio(16.0, t / 10.0) for t in thicknesses], ":", color="black",
+        label="Boone 2000",
+    )  # fmt: skip
+    slabs.set(xlabel="thickness, mm", ylabel="scatter over primary", title="centre of mass")
+    slabs.legend(fontsize=7)
+    profile.set(xlabel="distance from the chest wall, mm", ylabel="scatter over primary",
+                title="60 mm, across the edge at 82 to 91 mm")  # fmt: skip
     return figure
-
-
-def _scatter_at_the_edge(axes) -> None:
-    """From the chest wall to beyond the nipple: kernels of the local thickness, or one for all."""
-    cell, radius, full = 2.0, 90.0, 50.0
-    shape = (120, 70)
-    y = (np.arange(shape[0]) + 0.5 - shape[0] / 2) * cell
-    x = (np.arange(shape[1]) + 0.5) * cell
-    depth = radius - np.hypot(y[:, None], x[None, :])
-    # Round margin: half a circle of the breast's thickness.
-    round_off = np.clip(depth / (0.5 * full), 0.0, 1.0)
-    thickness = np.where(depth > 0.0, full * np.sqrt(1.0 - (1.0 - round_off) ** 2), 0.0)
-    primary = np.exp(-0.055 * thickness)
-    inside = half_disc(shape, cell, radius)
-    local = scatter_signal(primary, thickness, cell)
-    one = scatter_signal(primary, np.where(inside, full, 0.0), cell)
-    row = shape[0] // 2
-    axes.plot(x, local[row] / primary[row], label="kernel of each place's thickness")
-    axes.plot(x, one[row] / primary[row], label="kernel of 50 mm everywhere")
-    flat = scatter_signal(np.ones(shape) * inside, np.where(inside, full, 0.0), cell)
-    axes.plot(x[x < radius], flat[row][x < radius], ":", label="flat semicircle of 50 mm")
-    axes.axvline(radius, color="black", linewidth=0.5)
-    mass = 4.0 * radius / (3.0 * np.pi)
-    at = map_coordinates(flat, [[row - 0.5], [mass / cell - 0.5]], order=1)[0]
-    axes.plot(mass, at, "o", markersize=4, color="black", label="Boone's ratio is matched here")
-    axes.set(xlabel="distance from the chest wall, mm", ylabel="scatter over primary",
-             title="breast of 50 mm with a round margin")  # fmt: skip
-    axes.legend(fontsize=7)
-    beyond = row, int(86.0 / cell)
-    print(f"scatter 4 mm inside the edge: one kernel over local {one[beyond] / local[beyond]:.2f}")
 
 
 def contrast() -> Figure:

@@ -1,6 +1,7 @@
 """Scatter and dose by Monte Carlo beside references: slabs, plates, pencil beams, dose, TG-195.
 
-    python benchmarks/scatter.py [--photons N] [--only slabs,pencil,dance,tg195,gap,spacing,time]
+    python benchmarks/scatter.py [--photons N] [--only slabs,pencil,dance,tg195,gap,spacing,
+        breast,time]
 
 References are FDA's MC-GPU (`../shared/data/montecarlo`) and AAPM TG-195. Every line says what was
 found, the reference, their difference in per cent, both errors, and the goal.
@@ -13,19 +14,23 @@ import json
 import resource
 import time
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 import mammosim
+from mammosim.acquisition import AcquisitionSettings
 from mammosim.acquisition.attenuation import (
     BEAM_MATERIALS,
     attenuation_per_mm,
+    cross_section_cm2_g,
     energy_absorption_cm2_g,
 )
 from mammosim.acquisition.detectors import find_detector
 from mammosim.acquisition.monte_carlo import (
     Field,
+    Guide,
     Plates,
     absorbed_energy,
     follow,
@@ -37,9 +42,12 @@ from mammosim.acquisition.monte_carlo import (
     shadow_of,
     smoothed,
 )
-from mammosim.acquisition.scatter import SCATTER_MODELS
-from mammosim.acquisition.scatter.convolution import boone_ratio
-from mammosim.acquisition.scatter.photon_transport import PHOTONS
+from mammosim.acquisition.monte_carlo.tables import CM2_PER_G, HALF_ANGLES, angular_densities
+from mammosim.acquisition.scatter import SCATTER_MODELS, ScatterCase
+from mammosim.acquisition.scatter.photon_transport import PHOTONS, transported
+from mammosim.acquisition.scatter.scene_layers import shape_of_scatter
+from mammosim.acquisition.scatter_sweep import scatter_sweep
+from mammosim.acquisition.spectrum import Beam
 from mammosim.geometry import Gantry, View
 from mammosim.projection import CoarseBreast
 from mammosim.projection._coarse_kernels import SampledAs
@@ -67,6 +75,11 @@ class Setup:
     gantry: Gantry
     spectrum: np.ndarray
     field: Field
+
+
+def boone_ratio(diameter_cm: float, thickness_cm: float) -> float:
+    """Scatter over primary of a semicircle, air gap 15 mm: Boone et al. 2000, Med Phys 27:2408."""
+    return 1.0 / (-2.354528 + 22.396098 * diameter_cm**-1.5 + 8.850643 * thickness_cm**-0.5)
 
 
 def read_spectrum(name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -124,6 +137,18 @@ def run(given: Setup, photons: int, cell_mm: float = CELL_MM, **keys):
         given.scene, given.tables, given.gantry, given.field, given.spectrum,
         find_detector("ideal"), cell_mm=cell_mm, photons=photons, seed=1, **keys,
     )  # fmt: skip
+
+
+def guide_of(given: Setup, plates: int, margin: int) -> Guide:
+    """What the scatter of a slab is smoothed by."""
+    shape = (-(-given.gantry.rows // 2), -(-given.gantry.columns // 2))
+    beam = Beam("W", "Rh", 0.05, 28.0, given.tables.energy_kev, given.spectrum[0])
+    case = ScatterCase(
+        np.zeros(shape), np.zeros(shape), 2, given.gantry, beam, find_detector("ideal"),
+        1.0 * plates, {}, support=SUPPORT, paddle_mm=3.0 * plates,
+    )  # fmt: skip
+    found = shape_of_scatter(case, given.scene, given.tables, given.spectrum, margin)
+    return Guide(*found, CELL_MM)
 
 
 def cell_centres(gantry: Gantry, cell_mm: float = CELL_MM) -> tuple[np.ndarray, np.ndarray]:
@@ -208,8 +233,8 @@ def slabs(reference: dict, photons: int) -> None:
             f"{boone_ratio(16.0, thickness / 10.0):.3f}"
         )
         m = tallies.margin
-        scored, even = tallies.scatter[:, m:-m, m:-m], smoothed(tallies.scatter, CELL_MM)
-        even = even[:, m:-m, m:-m]
+        scored = tallies.scatter[:, m:-m, m:-m]
+        even = smoothed(tallies.scatter, guide_of(given, plates, m))[:, m:-m, m:-m]
         behind, free = primary(given, thickness, plates)
         for name, cells in regions(given.gantry, thickness).items():
             under = free if name.startswith("air") else behind
@@ -301,6 +326,22 @@ def _material(name: str, density: float, **percent: float) -> Material:
     return Material(name, density, {e: p / total for e, p in percent.items()}, "TG-195")
 
 
+def _with_own_total(material: Material, energy_kev: float) -> Material:
+    """The material, as dense as makes its attenuation that of its own Compton cross-section.
+
+    The codes of TG-195 add up their own cross-sections; this package keeps the total of the primary
+    and is 0.5 % lower.
+    """
+    energy = np.array([energy_kev])
+    incoherent, _ = angular_densities(material, energy)
+    compton = CM2_PER_G * np.trapezoid(incoherent, HALF_ANGLES, axis=1)
+    photo, rayleigh, total = (
+        cross_section_cm2_g(name, material, energy) for name in ("CS_Photo", "CS_Rayl", "CS_Total")
+    )
+    scale = float((photo + compton + rayleigh)[0] / total[0])
+    return replace(material, density_g_cm3=scale * material.density_g_cm3)
+
+
 def tg195(photons: int) -> None:
     """50 mm between plates of 2 mm PMMA, 2 mm of skin, radius 100 mm, body behind, SID 660 mm."""
     mixed = {e: 0.8 * TG195_ADIPOSE[e] + 0.2 * TG195_GLAND[e] for e in TG195_GLAND}
@@ -310,6 +351,8 @@ def tg195(photons: int) -> None:
         "skin": _material("skin", 1.09, **TG195_SKIN),
         "muscle": _material("muscle", 1.0, H=11.1898, O=88.8102),
     }  # fmt: skip
+    materials = {name: _with_own_total(one, 16.8) for name, one in materials.items()}
+    pmma = _with_own_total(pmma, 16.8)
     x, y = (np.arange(280) + 0.5) / 2 - 40.0, (np.arange(420) + 0.5) / 2 - 105.0
     z = (np.arange(100) + 0.5) / 2
     radius = np.hypot(x[:, None], y[None])[:, :, None]
@@ -387,10 +430,10 @@ def spacing(photons: int) -> None:
         print(f"  {name:34s} {100 * (ratio.mean() - 1):+.3f} % +- {25 * ratio.std(ddof=1):.3f} %")
 
 
-def timing() -> None:
-    """A generated breast: seconds and memory of the model, at 1, 2 and 4 times the photons."""
+def generated_case(view: str = "CC") -> tuple[object, object, object]:
+    """Path lengths, mammogram and scatter case of a generated breast of 0.5 mm voxels."""
     breast = mammosim.generate_phantom(density="scattered", voxel_mm=0.5, seed=1)
-    compressed = mammosim.compress(breast, view="CC")
+    compressed = mammosim.compress(breast, view=view)
     paths = mammosim.project(compressed, pixel_mm=0.1)
     seen = []
     model = SCATTER_MODELS["monte-carlo"]
@@ -399,20 +442,70 @@ def timing() -> None:
     image = mammosim.expose(paths)
     print(f"first exposure, with compiling: {time.perf_counter() - start:.1f} s")
     SCATTER_MODELS["monte-carlo"] = model
-    (case,) = seen
+    return paths, image, seen[0]
+
+
+def whole_breast(given: tuple[object, object, object], photons: int) -> None:
+    """Default precision and kernels against many photons without smoothing, blocks of 6 mm."""
+    case = given[2]
+    tallies = transported(replace(case, photons=photons, seed=99))[2]
+    m = tallies.margin
+    raw = tallies.scatter[:, m:-m, m:-m] * case.gantry.pixel_mm**2
+    shape = tuple(size // 3 * 3 for size in case.primary.shape)
+
+    def blocks(cells: np.ndarray) -> np.ndarray:
+        cut = cells[..., : shape[0], : shape[1]]
+        return cut.reshape(*cut.shape[:-2], shape[0] // 3, 3, shape[1] // 3, 3).mean(axis=(-3, -1))
+
+    wanted = blocks(raw)
+    error = wanted.std(axis=0, ddof=1) / 4.0
+    wanted = wanted.mean(axis=0)
+    tissue = case.thickness_mm > 1.0
+    inside = blocks(tissue.astype(float)) == 1.0
+    print(
+        f"generated breast of {case.thickness_mm.max():.0f} mm, blocks of 6 mm that are all tissue "
+        f"({inside.sum()}); reference {tallies.photons} photons, its own error "
+        f"{100 * np.sqrt(np.mean((error / wanted)[inside] ** 2)):.2f} % rms"
+    )
+    for name, found in (
+        ("default", SCATTER_MODELS["monte-carlo"](case).signal),
+        ("ten times the photons", SCATTER_MODELS["monte-carlo"](
+            replace(case, photons=10 * PHOTONS)).signal),
+        ("kernels", SCATTER_MODELS["kernels"](case).signal),
+    ):  # fmt: skip
+        off = (blocks(found) / wanted - 1.0)[inside]
+        print(
+            f"  {name:24s} rms {100 * np.sqrt(np.mean(off**2)):.2f} %, worst "
+            f"{100 * off[np.abs(off).argmax()]:+.1f} %, mean {100 * off.mean():+.2f} %"
+        )
+
+
+def timing(given: tuple[object, object, object]) -> None:
+    """Seconds and memory of the model at 1, 2 and 4 times the photons, and of a series."""
+    paths, image, case = given
+    model = SCATTER_MODELS["monte-carlo"]
     for factor in (1, 2, 4):
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-        start = time.perf_counter()
+        start, used = time.perf_counter(), time.process_time()
         found = model(replace(case, photons=factor * PHOTONS))
-        seconds = time.perf_counter() - start
+        seconds, used = time.perf_counter() - start, time.process_time() - used
         more = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3 - before
         print(
-            f"{found.photons} photons: {seconds:.2f} s with the coarse copy, noise "
-            f"{100 * found.noise:.2f} %, peak memory +{more:.0f} MB"
+            f"{found.photons} photons: {seconds:.2f} s, {used:.2f} s of processor time with the "
+            f"coarse copy, noise {100 * found.noise:.2f} %, peak memory +{more:.0f} MB"
         )
-    start = time.perf_counter()
+    start, used = time.perf_counter(), time.process_time()
     SCATTER_MODELS["kernels"](case)
-    print(f"kernels: {time.perf_counter() - start:.3f} s")
+    print(f"kernels: {time.perf_counter() - start:.3f} s, {time.process_time() - used:.3f} s used")
+    gantries = tuple(
+        replace(case.gantry, tube_angle_deg=float(angle)) for angle in np.linspace(-25.0, 25.0, 25)
+    )
+    start, used = time.perf_counter(), time.process_time()
+    scatter_sweep(gantries, paths, paths.breast, AcquisitionSettings(grid=False), 1)
+    print(
+        f"series of 25 projections over 50 degrees: {time.perf_counter() - start:.2f} s, "
+        f"{time.process_time() - used:.2f} s used"
+    )
     print(f"dose per kerma: {image.dose.by}")
 
 
@@ -420,9 +513,10 @@ def main() -> None:
     """Print the chosen parts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--photons", type=int, default=10 * PHOTONS)
-    parser.add_argument("--only", default="slabs,pencil,dance,tg195,gap,spacing,time")
+    parser.add_argument("--only", default="slabs,pencil,dance,tg195,gap,spacing,breast,time")
     chosen = parser.parse_args()
     reference = json.loads((DATA / "reference.json").read_text(encoding="utf-8"))
+    generated = cache(generated_case)
     parts = {
         "slabs": lambda: slabs(reference, chosen.photons),
         "pencil": lambda: pencil(reference, chosen.photons),
@@ -430,7 +524,8 @@ def main() -> None:
         "tg195": lambda: tg195(chosen.photons // 2),
         "gap": lambda: air_gap(chosen.photons // 4),
         "spacing": lambda: spacing(chosen.photons),
-        "time": timing,
+        "breast": lambda: whole_breast(generated(), 10 * chosen.photons),
+        "time": lambda: timing(generated()),
     }
     for name in chosen.only.split(","):
         parts[name]()

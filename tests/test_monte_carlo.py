@@ -13,9 +13,11 @@ from mammosim.acquisition.attenuation import (
 from mammosim.acquisition.detectors import find_detector
 from mammosim.acquisition.monte_carlo import (
     Grid,
+    Guide,
     absorbed_energy,
     dose_map_mgy,
     photon_tables,
+    smoothed,
     smoothed_scatter,
 )
 from mammosim.acquisition.monte_carlo.compton import (
@@ -197,14 +199,29 @@ def test_the_same_bits_for_any_number_of_threads():
 
 def test_the_estimate_of_its_own_noise_is_right_over_100_seeds():
     case = naive.Case(slab(10.0))
-    runs = [
-        smoothed_scatter(tallies.scatter, tallies.margin, 2.0)
-        for tallies in (case.follow(16 * 40, seed=seed) for seed in range(100))
-    ]
+    runs = []
+    for seed in range(100):
+        tallies = case.follow(16 * 40, seed=seed)
+        rows, columns = tallies.scatter.shape[1:]
+        # below the breast and beside it, along a shape that falls to one side
+        shape = np.tile(np.linspace(2.0, 1.0, columns), (rows, 1))
+        below = np.tile(np.arange(columns) < columns // 2, (rows, 1))
+        guide = Guide(shape, below, 2.0)
+        runs.append(smoothed_scatter(tallies.scatter, tallies.margin, guide))
     means, errors = (np.stack(part)[:, 8:22, 3:14] for part in zip(*runs, strict=True))
     actual = means.var(axis=0, ddof=1).mean()
     # about 15 independent places and 100 seeds: 4 % of a variance, and 5 % of the estimate
     assert (errors**2).mean() == pytest.approx(actual, rel=0.2)
+
+
+def test_smoothing_gives_back_the_shape_it_is_guided_by():
+    """No leak over the breast's edge, whatever the step there is."""
+    column = np.arange(30)
+    shape = np.tile(np.exp(-column / 8.0), (20, 1))
+    below = np.tile(column < 14, (20, 1))
+    truth = np.where(below, 3.0, 0.2) * shape
+    found = smoothed(truth[None], Guide(shape, below, 2.0))[0]
+    np.testing.assert_allclose(found, truth, rtol=1e-9)
 
 
 def test_half_the_spacing_leaves_the_scatter_as_it_was():

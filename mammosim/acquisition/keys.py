@@ -15,7 +15,7 @@ class ScatterKeys(TypedDict, total=False):
     local thickness) or none. Default: monte-carlo."""
 
     photons: int | None
-    """Photons that monte-carlo follows, 10 thousand to 1 billion; left out: 200 thousand, for about
+    """Photons that monte-carlo follows, 10 thousand to 1 billion; left out: 160 thousand, for about
     2 per cent of noise in the breast."""
 
 

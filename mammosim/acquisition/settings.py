@@ -87,7 +87,7 @@ class ScatterSettings(Settings):
     local thickness) or none."""
 
     photons: int | None = Field(default=None, ge=10_000, le=1_000_000_000)
-    """Photons that monte-carlo follows, 10 thousand to 1 billion; left out: 200 thousand, for about
+    """Photons that monte-carlo follows, 10 thousand to 1 billion; left out: 160 thousand, for about
     2 per cent of noise in the breast."""
 
 

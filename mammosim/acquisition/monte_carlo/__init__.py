@@ -8,7 +8,7 @@ from mammosim.acquisition.monte_carlo.absorbed import (
 from mammosim.acquisition.monte_carlo.glandularity import core_glandularity_percent
 from mammosim.acquisition.monte_carlo.grid import Grid
 from mammosim.acquisition.monte_carlo.scene import Plates, Scene, make_scene
-from mammosim.acquisition.monte_carlo.smoothing import smoothed, smoothed_scatter
+from mammosim.acquisition.monte_carlo.smoothing import Guide, smoothed, smoothed_scatter
 from mammosim.acquisition.monte_carlo.tables import PhotonTables, photon_tables
 from mammosim.acquisition.monte_carlo.transport import (
     Field,
@@ -24,6 +24,7 @@ __all__ = [
     "AbsorbedEnergy",
     "Field",
     "Grid",
+    "Guide",
     "PhotonTables",
     "Plates",
     "Scene",

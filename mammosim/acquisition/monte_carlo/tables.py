@@ -26,12 +26,12 @@ ANGLES = 128
 
 KEV_ANGSTROM = 12.398420  # h c: CODATA 2018
 # 8 pi r_e^2 / 2 with the classical electron radius squared in barn, times moles a gram to cm2 / g
-_CM2_PER_G = 4.0 * np.pi * 0.0794078 * 0.602214  # CODATA 2018
+CM2_PER_G = 4.0 * np.pi * 0.0794078 * 0.602214  # CODATA 2018
 TRANSFER_GRID = np.concatenate(
     ([0.0], np.geomspace(1e-3, 15.0, 400))
 )  # sin(theta / 2) / wavelength
 LOWEST_TABULATED_KEV, HIGHEST_TABULATED_KEV = 1.0, 150.0
-_HALF_ANGLES = np.linspace(0.0, 1.0, 257)  # sin(theta / 2)
+HALF_ANGLES = np.linspace(0.0, 1.0, 257)  # sin(theta / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,20 +105,20 @@ def photon_tables(
     shape = (energy.size, len(materials))
     photo, compton, rayleigh, transfer = (np.empty(shape) for _ in range(4))
     cosines = np.empty((2, *shape, ANGLES + 1), np.float32)
-    cosine = 1.0 - 2.0 * _HALF_ANGLES**2
+    cosine = 1.0 - 2.0 * HALF_ANGLES**2
     loss = 1.0 - _compton_ratio(energy, cosine)
     for column, material in enumerate(materials):
         incoherent, coherent = angular_densities(material, energy)
-        integral = np.trapezoid(incoherent, _HALF_ANGLES, axis=1)
+        integral = np.trapezoid(incoherent, HALF_ANGLES, axis=1)
         parts = (
             cross_section_cm2_g("CS_Photo", material, energy),
-            _CM2_PER_G * integral,
+            CM2_PER_G * integral,
             cross_section_cm2_g("CS_Rayl", material, energy),
         )
         scale = cross_section_cm2_g("CS_Total", material, energy) / np.sum(parts, axis=0)
         scale *= material.density_g_cm3 / MM_PER_CM
         photo[:, column], compton[:, column], rayleigh[:, column] = (scale * p for p in parts)
-        transfer[:, column] = np.trapezoid(incoherent * loss, _HALF_ANGLES, axis=1) / integral
+        transfer[:, column] = np.trapezoid(incoherent * loss, HALF_ANGLES, axis=1) / integral
         cosines[0, :, column] = _quantiles(incoherent)
         cosines[1, :, column] = _quantiles(coherent)
     return PhotonTables(
@@ -133,7 +133,7 @@ def angular_densities(
 
     Both are [energy, s] in an arbitrary unit (electron radius squared times atoms a gram).
     """
-    s = _HALF_ANGLES
+    s = HALF_ANGLES
     q = energy_kev[:, None] / KEV_ANGSTROM * s
     cosine = 1.0 - 2.0 * s**2
     form = np.zeros(TRANSFER_GRID.size)
@@ -173,7 +173,7 @@ def _quantiles(density: NDArray[np.float64]) -> NDArray[np.float64]:
     cumulated = np.concatenate([np.zeros((len(density), 1)), np.cumsum(steps, axis=1)], axis=1)
     cumulated /= cumulated[:, -1:]
     wanted = np.linspace(0.0, 1.0, ANGLES + 1)
-    s = np.stack([np.interp(wanted, row, _HALF_ANGLES) for row in cumulated])
+    s = np.stack([np.interp(wanted, row, HALF_ANGLES) for row in cumulated])
     return 1.0 - 2.0 * s**2
 
 
