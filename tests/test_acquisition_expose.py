@@ -129,8 +129,8 @@ def test_scatter_and_grid():
     bare = expose(phantom(), grid=False, scatter=False, **thin)
     at = (200, 60)
     ratio = without.for_processing[at] / bare.for_processing[at] - 1.0
-    # Boone: 0.51 for 5 cm and 18 cm; the ratio of rounded counts is good to half a per cent
-    assert ratio == pytest.approx(0.51, abs=0.02)
+    # between plates MC-GPU has 0.51 for 4 cm and 0.725 for 6 cm; counts are rounded: half a per cent
+    assert ratio == pytest.approx(0.62, abs=0.03)
     assert with_grid.for_processing[at] / bare.for_processing[at] == pytest.approx(
         0.75 + 0.10 * ratio, rel=0.01
     )

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from mammosim.acquisition import AcquisitionSettings, check_acquisition
 from mammosim.acquisition.attenuation import (
     BEAM_MATERIALS,
     absorbed_fraction,
@@ -117,6 +118,15 @@ def test_unknown_element(tmp_path):
     path.write_text("adipose: {density_g_cm3: 1, mass_percent: {Xx: 100}}")
     with pytest.raises(InputError, match="unknown element 'Xx'"):
         attenuation_per_mm(composition(str(path), "oxalate")["adipose"], ENERGIES)
+
+
+def test_what_has_no_scattering_tables_is_refused_before_anything_is_computed(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("adipose: {density_g_cm3: 1, mass_percent: {C: 99, Rf: 1}}")
+    keys = {"composition": str(path), "kvp": 28.0}
+    with pytest.raises(InputError, match="element 'Rf' has no"):
+        check_acquisition(AcquisitionSettings(**keys))
+    check_acquisition(AcquisitionSettings(scatter=False, **keys))
 
 
 def test_unknown_names():

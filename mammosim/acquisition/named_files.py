@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mammosim.acquisition.monte_carlo import photon_tables
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.spectrum import make_beam
 from mammosim.acquisition.tube import KVP_RANGE
@@ -19,16 +20,20 @@ def check_acquisition(settings: AcquisitionSettings) -> None:
     Raises
     ------
     InputError
-        If a file is missing or its content cannot be used, or no photon passes the filter.
+        If a file is missing or its content cannot be used, no photon passes the filter, or
+        scattering tables lack an element or an energy.
     """
-    composition(settings.composition, settings.calcification)
+    materials = composition(settings.composition, settings.calcification)
     # A voltage that is left out follows from the thickness: if none passes, the highest does not.
     highest = KVP_RANGE[1] if settings.spectrum_file is None else None
-    make_beam(
+    beam = make_beam(
         settings.target, settings.filter, settings.kvp or highest,
         filter_mm=settings.filter_mm, paddle_mm=settings.paddle_mm,
         spectrum_file=settings.spectrum_file,
     )  # fmt: skip
+    if settings.scatter_model in ("monte-carlo", "kernels"):
+        energy = beam.energy_kev
+        photon_tables(list(materials.values()), float(energy[0]), float(energy[-1]))
     agent = settings.contrast
     if agent is not None:
         make_beam(settings.target, agent.filter, agent.kvp, filter_mm=agent.filter_mm)

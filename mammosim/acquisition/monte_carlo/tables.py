@@ -153,7 +153,7 @@ def _energies(lowest_kev: float, highest_kev: float) -> NDArray[np.float64]:
         raise InputError(
             f"acquisition.scatter: the spectrum has photons of {lowest_kev:g} to {highest_kev:g} "
             f"keV, the scattering tables hold {LOWEST_TABULATED_KEV:g} to "
-            f"{HIGHEST_TABULATED_KEV:g} keV; choose model: kernels"
+            f"{HIGHEST_TABULATED_KEV:g} keV; choose model: none"
         )
     first = np.floor(max(LOWEST_SHARE * lowest_kev, LOWEST_TABULATED_KEV) / ENERGY_STEP_KEV)
     last = np.ceil(highest_kev / ENERGY_STEP_KEV)
@@ -189,5 +189,5 @@ def _element(symbol: str) -> tuple[float, NDArray[np.float64]]:
     except ValueError as error:
         raise InputError(
             f"composition: element '{symbol}' has no scattering tables ({error}); choose "
-            "acquisition.scatter.model: kernels"
+            "acquisition.scatter.model: none"
         ) from None
