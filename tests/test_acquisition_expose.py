@@ -129,7 +129,7 @@ def test_scatter_and_grid():
     bare = expose(phantom(), grid=False, scatter=False, **thin)
     at = (200, 60)
     ratio = without.for_processing[at] / bare.for_processing[at] - 1.0
-    # between plates MC-GPU has 0.51 for 4 cm and 0.725 for 6 cm; counts are rounded: half a per cent
+    # between plates MC-GPU has 0.51 for 4 cm and 0.725 for 6 cm; rounded counts: half a per cent
     assert ratio == pytest.approx(0.62, abs=0.03)
     assert with_grid.for_processing[at] / bare.for_processing[at] == pytest.approx(
         0.75 + 0.10 * ratio, rel=0.01
