@@ -218,7 +218,7 @@ def test_empty_field():
         ({"mas": -3.0}, r"acquisition.mas: found -3"),
         ({"kvp": 50.0}, r"acquisition.kvp: found 50.0, expected 20 to 49 kV"),
         ({"target": "Cu"}, r"acquisition.target: found 'Cu', expected one of W, Mo, Rh"),
-        ({"filter": "Cu"}, r"acquisition.filter: found 'Cu'"),
+        ({"filter": "Ni"}, r"acquisition.filter: found 'Ni'"),
         ({"detector": "film"}, r"acquisition.detector: found 'film'"),
         ({"composition": "water"}, r"acquisition.composition: found 'water'"),
         ({"calcification": "chalk"}, r"acquisition.calcification: found 'chalk'"),
