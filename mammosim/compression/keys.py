@@ -152,9 +152,8 @@ class CompressionKeys(TypedDict, total=False):
     all in front of the plates' edge."""
 
     stiffness: str
-    """Stiffness set of the tissue table. Left out: `thesis` with `springs`, which were published
-    with it; `aspiration` with `hyperelastic`, measured in vivo, under which the pressure on the
-    breast is as sensors find it. Default: thesis."""
+    """Stiffness set of the tissue table; `thesis` is what the spring model was published with. With
+    `hyperelastic` take `krouskop`, or `aspiration`, measured in vivo. Default: thesis."""
 
     stiffness_kpa: Mapping[str, float]
     """Young's modulus of single tissues in place of the set's, as {skin: 60, mass: 100}; tissues

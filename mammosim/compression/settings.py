@@ -192,9 +192,8 @@ class CompressionSettings(Settings):
     all in front of the plates' edge."""
 
     stiffness: str = "thesis"
-    """Stiffness set of the tissue table. Left out: `thesis` with `springs`, which were published
-    with it; `aspiration` with `hyperelastic`, measured in vivo, under which the pressure on the
-    breast is as sensors find it."""
+    """Stiffness set of the tissue table; `thesis` is what the spring model was published with.
+    With `hyperelastic` take `krouskop`, or `aspiration`, measured in vivo."""
 
     stiffness_kpa: dict[str, Annotated[float, Field(ge=1e-3, le=1e4)]] = Field(default_factory=dict)
     """Young's modulus of single tissues in place of the set's, as {skin: 60, mass: 100}; tissues
