@@ -69,6 +69,9 @@ COLUMNS = [
     "ellipsoid_short_mm",
     "extent_mm",
     "laterality",
+    "volume_slice",
+    "volume_row_px",
+    "volume_col_px",
 ]
 
 
