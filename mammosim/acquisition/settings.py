@@ -152,7 +152,7 @@ class AcquisitionSettings(Settings):
     """Tube voltage in kV, 20 to 49; left out: chosen by the compressed thickness."""
 
     mas: TubeLoad = None
-    """Tube load in mAs; left out: automatic exposure control."""
+    """Tube load in mAs; left out: automatic exposure control, which gives at most 600 mAs."""
 
     spectrum_file: str | None = None
     """Path of a spectrum of two columns, keV and photons a bin per mm2 and mAs at 1 m behind the

@@ -149,7 +149,8 @@ class CompressionSettings(Settings):
     """Force on the paddle, N, in place of a thickness."""
 
     support_z_mm: Coordinate | None = None
-    """Final height of the breast support's face, compression frame, mm; with `paddle_z_mm`."""
+    """Final height of the breast support's face, compression frame, mm; with `paddle_z_mm`. Left
+    out: both plates stand where they press alike."""
 
     paddle_z_mm: Coordinate | None = None
     """Final height of the paddle's face, compression frame, mm; with `support_z_mm`."""
