@@ -27,14 +27,17 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, wraps
+from pickle import UnpicklingError
 from typing import Any, ParamSpec, TypeVar
 
 import llvmlite.binding
 import numba
 import numba.extending
 import numpy as np
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
 from numba.core.event import Event, Listener, install_listener
 from threadpoolctl import threadpool_limits
 
@@ -50,12 +53,62 @@ PARALLEL_BYTES = 2_000_000
 threads: a stencil passes through 2 MB in about 0.2 ms, and a loaded machine may take several
 milliseconds to start a thread."""
 
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+
+_DAMAGED = (
+    EOFError, ValueError, TypeError, LookupError, AttributeError, ImportError, UnpicklingError,
+)  # fmt: skip
+"""What reading a damaged file of the cache may raise."""
+
+_unkept: list[str] = []
+
+
+class _Cache(FunctionCache):
+    """Numba's cache on disk, which may fail: the kernel is then compiled again at the next start.
+
+    A full disk, a quota or a folder that cannot be written would otherwise end a run, and a file
+    cut short every later one.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except OSError as error:
+            _unkept.append(f"cannot be read: {error.strerror}")
+        except _DAMAGED:
+            with suppress(OSError):
+                self.flush()
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _unkept.append(f"cannot be kept: {error.strerror}")
+        except _DAMAGED:
+            with suppress(OSError):
+                self.flush()
+
+
+def why_unkept() -> str:
+    """Why compiled kernels could not be read from, or kept on, the disk; empty if all were."""
+    return _unkept[0] if _unkept else ""
+
+
+def _compile(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    """Compile a function at its first call, and keep what was compiled on the disk."""
+    compiled = numba.njit(**_OPTIONS, **options)(function)
+    if isinstance(compiled, Dispatcher):  # it is not, where Numba is switched off
+        try:
+            compiled._cache = _Cache(function)  # type: ignore[attr-defined]
+        except RuntimeError:
+            _unkept.append("cannot be kept: neither program nor home folder can be written")
+    return compiled
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a sequential kernel."""
-    return numba.njit(**_OPTIONS)(function)
+    return _compile(function)
 
 
 def parallel_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -65,7 +118,7 @@ def parallel_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def contracting_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a sequential kernel with fused multiply-add."""
-    return numba.njit(fastmath={"contract"}, **_OPTIONS)(function)
+    return _compile(function, fastmath={"contract"})
 
 
 def contracting_parallel_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -87,7 +140,7 @@ def inlined_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     A loop over contiguous elements is made into vector instructions only where all that it calls
     is part of it.
     """
-    return numba.njit(forceinline=True, fastmath={"contract"}, **_OPTIONS)(function)
+    return _compile(function, forceinline=True, fastmath={"contract"})
 
 
 def merged_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -96,7 +149,7 @@ def merged_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     It is compiled once with the kernel instead of by itself and again in every caller; for steps
     that are called in one or two places.
     """
-    return numba.njit(inline="always", fastmath={"contract"}, **_OPTIONS)(function)
+    return _compile(function, inline="always", fastmath={"contract"})
 
 
 def sized_kernel(function: Callable[..., Any]) -> Callable[..., Any]:

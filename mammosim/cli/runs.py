@@ -115,9 +115,21 @@ def run(
                 study = simulate(settings, saved, tell)
         _print_summary(study, folder)
         print_warnings(note for note in study.notes if note not in plan.warnings)
+        _warn_of_unkept_kernels()
         if saved.stages.reused:
             kept = ", ".join(saved.stages.reused)
             say(f"kept from before: {kept}")
+
+
+def _warn_of_unkept_kernels() -> None:
+    from mammosim._jit import why_unkept
+
+    why = why_unkept()
+    if why:
+        print_warnings([
+            f"compiled kernels {why}; the next start compiles them again. NUMBA_CACHE_DIR names "
+            "another folder for them"
+        ])  # fmt: skip
 
 
 def _print_summary(study: Study, folder: Path) -> None:
