@@ -63,6 +63,9 @@ CONFIGS = Path(__file__).parents[1] / "configs"
 MOST_SECONDS = 20
 """Of the processor; ten times as long by the clock, for a machine that has others to serve."""
 
+RUN_SECONDS = 200
+"""The same of a whole run, which may compile kernels."""
+
 BOMBS = 0.05
 """Part of the trials for them that are bombs: they take a hundred times as long as others."""
 
@@ -191,8 +194,9 @@ def attempt(
 ) -> int:
     """One input; 1 if something happened that must not."""
     state = rng.getstate()
-    signal.setitimer(signal.ITIMER_PROF, MOST_SECONDS)
-    signal.setitimer(signal.ITIMER_REAL, 10 * MOST_SECONDS)
+    seconds = RUN_SECONDS if trial is try_extremes else MOST_SECONDS
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    signal.setitimer(signal.ITIMER_REAL, 10 * seconds)
     said = ""
     try:
         allowed = trial(sound, rng)
@@ -202,7 +206,7 @@ def attempt(
         if not error.problems or not all(line.strip() for line in error.problems):
             said = "an error that says nothing"
     except Hang:
-        said = f"more than {MOST_SECONDS} s"
+        said = f"more than {seconds} s"
     except BaseException:
         said = traceback.format_exc(limit=-4)
     finally:
