@@ -10,6 +10,7 @@ from scipy import ndimage
 from mammosim.phantom import GenerateSettings
 from mammosim.phantom.anatomy import (
     _block_kernels,
+    _fill_kernels,
     _net_kernels,
     _noise_kernels,
     _surface_kernels,
@@ -43,7 +44,7 @@ def test_gland_is_where_the_potential_exceeds_the_threshold():
     size = (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size)
     labels = np.zeros(size, np.uint8)
     half = lattice.x_start.size // 2
-    slab = np.arange(half - 4, half + 4)  # enough of the breast, and quick as plain Python too
+    slab = np.arange(half - 7, half + 5)  # enough of the breast, and quick as plain Python too
     _tissue_kernels.paint_tissue(slab, labels, lattice, texture, paint)
     gland = labels == LABEL["gland"]
     soft = np.isin(labels, [LABEL[name] for name in ("adipose", "gland", *SEPTA)])
@@ -52,9 +53,11 @@ def test_gland_is_where_the_potential_exceeds_the_threshold():
     rng, checked, differ = np.random.default_rng(1), 0, 0
     for index in rng.permutation(np.argwhere(soft)):
         point = np.array([axis[n] for axis, n in zip(lattice[:3], index, strict=True)])
-        wanted = naive.gland_potential(texture, lattice.coarse_origin_mm, 2.0, point)
-        if abs(wanted - 0.7) > 1e-6:
-            differ += gland[tuple(index)] != (wanted > 0.7)
+        above = naive.gland_potential(texture, lattice.coarse_origin_mm, 2.0, point) - 0.7
+        grain = naive.grain(texture, lattice.coarse_origin_mm, 2.0, point)
+        wanted = min(above, texture.gland_cap) + grain
+        if abs(wanted) > 1e-6:
+            differ += gland[tuple(index)] != (wanted > 0.0)
             checked += 1
     # A wall that is nearest somewhere in a block but was not gathered for its centre: one in a
     # thousand places where coordinates are bent most.
@@ -119,11 +122,62 @@ def test_walls_fill_their_thickness_whatever_the_voxel(net):
         assert np.sum(filling) * voxel == pytest.approx(0.3 * factor, rel=1e-9)
 
 
+def test_a_thread_fills_its_cross_section_whatever_the_voxel():
+    """Filling times the voxel's face, added up across a thread, is the area of its section."""
+    for radius in (0.08, 0.3, 0.7):
+        for voxel in (0.1, 0.3, 0.8):
+            axis = np.arange(-4.0 + 0.31 * voxel, 4.0, voxel)
+            gaps = np.hypot(*np.meshgrid(axis, axis + 0.2 * voxel))
+            filling = [_net_kernels.thread_fill(gap, radius, voxel) for gap in gaps.ravel()]
+            assert filling[:40] == [naive.thread_fill(g, radius, voxel) for g in gaps.ravel()[:40]]
+            # A cone a voxel wide meets only a few voxel centres.
+            area = np.sum(filling) * voxel**2
+            assert area == pytest.approx(np.pi * radius**2, rel=0.13 if voxel >= radius else 0.03)
+
+
+def test_where_three_walls_meet_there_is_more_than_a_wall():
+    near = _net_kernels.new_near()
+    for n, angle in enumerate(np.deg2rad([90.0, 210.0, 330.0])):
+        near.place[n] = [np.cos(angle), np.sin(angle), 0.0, 1.0]
+        near.tag[n] = 0.3
+    _net_kernels._pairs(near, 3, 10.0, np.eye(3))
+    # The walls lie along 30, 150 and 270 degrees, and meet in the z axis.
+    along = np.array([np.cos(np.deg2rad(30.0)), np.sin(np.deg2rad(30.0))])
+    fills = [
+        _net_kernels.wall_fill(near.place, near.pair, 3, *(gap / 10.0 * along), 0.0, 0.3, 0.5)
+        for gap in (0.0, 0.2, 3.0)
+    ]
+    edge = _net_kernels.EDGE_SHARE * 0.3 * min(near.pair[0, 1, 1], _net_kernels.MAX_EDGE)
+    wall = 0.3 * near.pair[0, 1, 1] / 0.5
+    assert fills[2] == pytest.approx(wall)
+    for gap, fill in zip((0.0, 0.2), fills[:2], strict=True):
+        assert fill == pytest.approx(max(wall, naive.thread_fill(gap, edge, 0.5)), rel=1e-6)
+    assert fills[0] > fills[2]
+
+
+def test_threads_are_painted_by_the_part_they_fill_and_leave_other_tissue():
+    axis = (np.arange(40) + 0.5) * 0.25
+    start = np.arange(6) * 8
+    lattice = _block_kernels.Lattice(axis, axis, axis, np.zeros(3), 2.0, start, start, start)
+    name = np.array([LABEL[n] for n in ("adipose", "skin", "gland", "nipple", "muscle", "ligament",
+                                        *SEPTA[:3])], np.uint8)  # fmt: skip
+    ends = np.array([[[1.0, 4.9, 5.1], [9.0, 5.2, 4.8]], [[5.0, 1.0, 3.0], [5.3, 9.0, 3.0]]])
+    radius = np.array([[0.2, 0.2], [0.1, 0.1]])
+    labels = np.zeros((40, 40, 40), np.uint8)
+    _tube_kernels.paint_threads(labels, lattice, ends, radius, name, 3)
+    part = {0: 0.0, 1: 0.0, LABEL["ligament"]: 1.0, LABEL["ligament_half"]: 0.5,
+            LABEL["ligament_quarter"]: 0.25, LABEL["ligament_eighth"]: 0.125}  # fmt: skip
+    volume = sum(part[int(label)] for label in labels.ravel()) * 0.25**3
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    # By lot in some hundreds of voxels.
+    assert volume == pytest.approx((np.pi * radius[:, 0] ** 2 * length).sum(), rel=0.1)
+
+
 def test_the_steps_of_a_filling_have_its_mean():
     part = {0: 0.0, 5: 1.0, 6: 0.125, 7: 0.25, 8: 0.5}
     lots = (np.arange(20_000) + 0.5) / 20_000
     for fill in (0.01, 0.1, 0.125, 0.2, 0.3, 0.5, 0.77, 1.0):
-        mean = np.mean([part[_tissue_kernels._step(fill, lot)] for lot in lots])
+        mean = np.mean([part[_fill_kernels.fill_step(fill, lot)] for lot in lots])
         assert mean == pytest.approx(fill, abs=1e-4)
 
 

@@ -39,7 +39,10 @@ LABEL = {name: tissue.label for name, tissue in TISSUES.items()}
 
 @pytest.fixture(scope="module")
 def scattered():
-    return generate_phantom("scattered", voxel_mm=0.75, seed=3, volume_ml=500, skin_mm=1.45)
+    return generate_phantom(
+        "scattered", voxel_mm=0.75, seed=3, volume_ml=500, skin_mm=1.45, lymph_nodes=1,
+        benign_calcifications="popcorn",
+    )  # fmt: skip
 
 
 def from_open_end(breast):
@@ -78,6 +81,29 @@ def test_letters_and_a_percentage_of_ones_own():
 def test_every_tissue_is_there(scattered):
     present = {scattered.tissue_of_label[int(label)] for label in np.unique(scattered.labels)}
     assert present == set(TISSUES) - {"mass", "calcification", "clip"}
+
+
+@pytest.mark.parametrize("kind", ["none", "vascular", "round", "popcorn", "rods", "skin"])
+def test_what_is_found_in_healthy_breasts_is_labelled_but_no_lesion(kind):
+    asked = {"volume_ml": 200.0, "skin_mm": 1.5, "benign_calcifications": kind}
+    bare = generate_phantom("a", 1.0, 4, lymph_nodes=0, **asked)
+    breast = generate_phantom("a", 1.0, 4, lymph_nodes=3, moles=4, skin_folds=1, **asked)
+    assert breast.lesions == ()
+    count = {name: int((breast.labels == LABEL[name]).sum())
+             for name in ("lymph_node", "benign_calcification")}  # fmt: skip
+    # A node of 2.5 by 3 by 2 mm less its hilum has some tens of cubic millimetres.
+    assert count["lymph_node"] > 60
+    assert not (bare.labels == LABEL["lymph_node"]).any()
+    # By lot: of small ones, a twentieth of a cubic millimetre, there may be none at this voxel.
+    assert count["benign_calcification"] < 60
+    assert count["benign_calcification"] > 0 or kind in ("none", "round", "vascular", "skin")
+    # Moles stand out of the skin, into what was air.
+    stands_out = (breast.labels != 0) & (bare.labels == 0)
+    assert stands_out.sum() > 20
+    np.testing.assert_array_equal(breast.labels[stands_out], LABEL["skin"])
+    # The fold's two layers of skin lie within what was breast.
+    folded = (breast.labels == LABEL["skin"]) & (bare.labels != LABEL["skin"]) & (bare.labels != 0)
+    assert folded.sum() > 50
 
 
 def test_one_body_with_air_all_around_but_at_the_chest_wall(scattered):
@@ -329,14 +355,24 @@ def test_the_open_end_has_no_skin_and_other_views_leave_it_off(scattered):
     assert not scattered.labels[:, within < 0.0].any()
     held = without_open_end(scattered)
     assert held.open_end is None
-    end = scattered.open_end
-    index = np.argwhere(held.labels != 0)
-    assert ((held.frame.position_mm(index) - end.off_point_mm) @ end.off_normal <= 1e-9).all()
-    # What remains is what it was, where it was.
-    at = np.rint(scattered.frame.index(held.frame.position_mm(index[::97]))).astype(int)
-    np.testing.assert_array_equal(
-        scattered.labels[tuple(at.T)], held.labels[tuple(index[::97].T)]
-    )  # fmt: skip
+    index = np.argwhere(held.labels != 0)[::97]
+    places = held.frame.position_mm(index)
+    at = np.rint(scattered.frame.index(places)).astype(int)
+    depth = scattered.open_end.held_depth_at(places)
+    assert depth.min() > -0.75  # half a voxel of dither, and the skin's curvature
+    # What remains is what it was, where it was, but for skin where the axilla began.
+    there, here = scattered.labels[tuple(at.T)], held.labels[tuple(index.T)]
+    inner = depth > scattered.open_end.skin_mm + 0.75
+    np.testing.assert_array_equal(there[inner], here[inner])
+    within = (depth > 0.4) & (depth < scattered.open_end.skin_mm - 0.4)
+    assert within.sum() > 100
+    np.testing.assert_array_equal(here[within & (here != LABEL["nipple"])], LABEL["skin"])
+    # Skin all around: of tissue beside air above the chest wall, nearly all.
+    air = np.pad(held.labels == 0, 1, constant_values=True)[1:, 1:-1, 1:-1]
+    edge = ndimage.binary_dilation(air, iterations=1)[:-1] & (held.labels != 0)
+    edge[:3] = False
+    own = np.isin(held.labels[edge], [LABEL[name] for name in ("skin", "nipple", "duct")])
+    assert own.mean() > 0.99
     off = phantom_summary(scattered).breast_ml - phantom_summary(held).breast_ml
     assert 5.0 < off < 160.0  # the axilla is broad, up to the upper edge of an MLO image
     assert without_open_end(held) is held

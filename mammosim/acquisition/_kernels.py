@@ -249,9 +249,9 @@ def present_kernel(
 ) -> None:
     """Add what the margin lacks, split the sum into base and detail, and show both as grey.
 
-    `missing` and `base` are coarse and interpolated linearly. The base follows a curve with toe
-    and shoulder; details have its slope, but no less than a part, weak ones times the gain. The sum
-    is bent at black and white once more, so that nothing is clipped.
+    `missing` and `base` are coarse and interpolated linearly. Detail is added to the base, weak
+    detail times the gain, and raised where the curve is flat; a curve with toe and shoulder shows
+    the sum. It is bent at black and white once more, so that nothing is clipped.
     """
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
     rows, columns = attenuation.shape
@@ -271,9 +271,12 @@ def present_kernel(
             detail = level - smooth
             more = (curve.gain - 1.0) * DETAIL_LIMIT * tanh(detail / DETAIL_LIMIT)
             # of the base's curve there: its toe and its shoulder are exponential
-            on_toe = max(shown / curve.toe, MIN_TOE_SLOPE)
-            on_shoulder = (curve.white - shown) / (curve.white - curve.shoulder)
-            on_shoulder = max(on_shoulder, MIN_SHOULDER_SLOPE)
-            shown += slope * min(on_toe, on_shoulder, 1.0) * (detail + more)
+            on_toe = min(shown / curve.toe, 1.0)
+            on_shoulder = min((curve.white - shown) / (curve.white - curve.shoulder), 1.0)
+            kept = max(MIN_TOE_SLOPE / max(on_toe, 0.05), 1.0)
+            kept *= max(MIN_SHOULDER_SLOPE / max(on_shoulder, 0.05), 1.0)
+            # the curve bends what is enhanced, so that bright detail stands out more than dark
+            straight += slope * kept * (detail + more)
+            shown = _bent(straight, curve.toe, curve.shoulder, curve.white)
             shown = _bent(shown, FINAL_TOE, FINAL_SHOULDER, 1.0)
             out_pixels[row, column] = int(shown * maximum + 0.5)

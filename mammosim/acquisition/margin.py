@@ -39,9 +39,10 @@ NIPPLE_ZONE_MM = (2.5, 6.0)
 NIPPLE_EDGE = 0.8
 """Part of its mean attenuation at which a nipple's own edge ends."""
 
-NIPPLE_BELOW_FAT = 0.08
-"""A nipple is shown by this much (ln) darker than fat. On clinical images with a nipple in profile
-it is at the dark end of the breast's grey levels or just beyond."""
+NIPPLE_BELOW_FAT = -0.12
+"""A nipple is shown by this much (ln) darker than fat, here a little brighter, so that no dark gap
+opens between it and the skin line. On clinical images with a nipple in profile it is at the dark
+end of the breast's grey levels, and joins the skin line."""
 
 WIDE_CELL_MM = 2.0
 """Grid of the filters along the margin, which are far wider."""
@@ -55,6 +56,10 @@ SKIN_DEPTHS_MM = (0.6, 1.4, 2.2)
 RING_DEPTHS_MM = (4.0, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 25.0, 30.0)
 """Depths at which the profile of the margin is taken; the breast is at full thickness at the last.
 Nearer the edge, skin seen along its surface attenuates more than what lies below it."""
+
+FAT_START_MM = 0.35
+"""Depth at which the ellipse of fat starts: outermost there is skin alone. Its thickness would be
+right, but a ray that far out has passed through skin that the plates have spread; by eye."""
 
 PROFILE_STEP_MM = 0.5
 """Step of the mean profile over depth."""
@@ -297,8 +302,8 @@ def _at_depth(rings: F64, depth_mm: F64, plateau: float) -> F64:
     ratio = np.clip(rings[0] / plateau, 0.0, 1.0)
     rounding = depths[0] / np.maximum(1.0 - np.sqrt(1.0 - ratio**2), 1e-6)
     rounding = np.clip(rounding, MIN_ROUNDING_MM, MAX_ROUNDING_MM)
-    outer = np.clip(depth_mm, 0.0, depths[0]) / rounding
-    outer = rings[0] * _ellipse(outer) / _ellipse(depths[0] / rounding)
+    outer = np.clip(depth_mm - FAT_START_MM, 0.0, depths[0] - FAT_START_MM) / rounding
+    outer = rings[0] * _ellipse(outer) / _ellipse((depths[0] - FAT_START_MM) / rounding)
     return np.where(depth_mm < depths[0], outer, inner)
 
 

@@ -10,14 +10,14 @@ from scipy import ndimage
 
 from mammosim.acquisition._kernels import ToneCurve, present_kernel
 from mammosim.acquisition.blocks import block_mean, cell_pixels
-from mammosim.acquisition.looks import LOOKS
+from mammosim.acquisition.looks import LOOKS, SHARP_MM, Look
 from mammosim.acquisition.margin import Margin, find_margin, missing_attenuation, smooth_step
 from mammosim.acquisition.muscle import muscle_of
 
 CELL_MM = 0.5
 """Grid of mask, depth and base."""
 
-EDGE_START = 0.15
+EDGE_START = 0.10
 """Equalization sets in from this part of the skin line's attenuation, and is full at all of it, so
 that the skin line rises from black over about the millimetre that it does on clinical images."""
 
@@ -113,9 +113,10 @@ def present(
        muscle that fills a corner of the image is left out of the levels and lies on the shoulder.
        Detail is added with the slope of the straight part times the look's gain. This is the
        local contrast enhancement of scanners in its simplest form.
-    4. The finest noise is smoothed, as scanners do, before all this.
+    4. Before all this the finest noise is smoothed and fine detail raised, as scanners do.
 
-    At any one place more attenuation is always brighter; nothing is clipped.
+    At any one place more attenuation is always brighter (but for the overshoot of the raised
+    detail); nothing is clipped.
     """
     cell = cell_pixels(CELL_MM, pixel_mm)
     coarse = block_mean(attenuation, cell)
@@ -133,7 +134,7 @@ def present(
         curve = ToneCurve(
             low, contrast, fat_place, GLAND_GREY, TOE, SHOULDER, WHITE, gain, EDGE_START
         )
-        smooth = _without_finest(attenuation, LOOKS[look].noise_sigma_mm / pixel_mm)
+        smooth = _restored(attenuation, LOOKS[look], pixel_mm)
         present_kernel(smooth, missing, edge, base, float(cell), curve, float(MAXIMUM), pixels)
     return Presentation(pixels, (MAXIMUM + 1) / 2, float(MAXIMUM + 1))
 
@@ -166,8 +167,17 @@ def _base(level: NDArray[np.float64], radius: int) -> NDArray[np.float64]:
     return window_mean(kept) * level + window_mean((1.0 - kept) * mean)
 
 
-def _without_finest(attenuation: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
+def _restored(attenuation: NDArray[np.float32], look: Look, pixel_mm: float) -> NDArray[np.float32]:
+    """The image without its finest noise, and with the fine detail that blur has weakened raised.
+
+    Raising what a Gaussian takes out (unsharp masking) is the simplest of the restorations that
+    scanners apply; together they are a band-pass with its peak at 1 to 2 per mm.
+    """
     smooth: NDArray[np.float32] = ndimage.gaussian_filter(
-        attenuation, sigma_px, mode="nearest", truncate=3.0
+        attenuation, look.noise_sigma_mm / pixel_mm, mode="nearest", truncate=3.0
     )
+    wide = ndimage.gaussian_filter(smooth, SHARP_MM / pixel_mm, mode="nearest", truncate=3.0)
+    np.subtract(smooth, wide, out=wide)
+    wide *= np.float32(look.sharpness)
+    smooth += wide
     return smooth

@@ -27,12 +27,13 @@ COLOURS = {
     "artery": (220, 20, 60, 255), "vein": (65, 105, 225, 255), "mass": (50, 205, 50, 255),
     "calcification": (255, 255, 255, 255), "clip": (0, 206, 209, 255),
     "ligament_eighth": (244, 224, 150, 255), "ligament_quarter": (244, 226, 160, 255),
-    "ligament_half": (243, 231, 180, 255),
     "gland_half": (225, 157, 116, 255),
     "implant_silicone": (135, 206, 235, 255), "implant_saline": (100, 180, 225, 255),
     "pmma": (190, 190, 190, 255), "water": (70, 130, 220, 255), "lung": (224, 176, 255, 255),
     "iodine_1mg": (216, 191, 216, 255), "iodine_2mg": (186, 85, 211, 255),
     "iodine_5mg": (148, 0, 211, 255), "iodine_10mg": (75, 0, 130, 255),
+    "ligament_half": (243, 231, 180, 255), "lymph_node": (123, 104, 238, 255),
+    "benign_calcification": (230, 230, 250, 255),
 }  # fmt: skip
 """Red, green, blue and opacity of each tissue; chosen."""
 

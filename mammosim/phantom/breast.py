@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from mammosim.geometry import VoxelFrame
 
@@ -67,15 +68,28 @@ class OpenEnd:
         A point of the plane, breast frame, mm.
     normal : ndarray, (3,)
         Unit vector out of the phantom, breast frame.
-    off_point_mm, off_normal : ndarray, (3,)
-        A second plane, beyond which tissue stays off the plates in views that do not look along
-        the end.
+    held_depth_mm : ndarray of float32, [x, y, z]
+        Depth below the skin as the breast lies in views that do not look along the end, negative
+        outside; exact near the skin.
+    held_frame : VoxelFrame
+        Its grid, breast frame.
+    skin_mm : float
+        Thickness of the skin there.
     """
 
     point_mm: NDArray[np.float64]
     normal: NDArray[np.float64]
-    off_point_mm: NDArray[np.float64]
-    off_normal: NDArray[np.float64]
+    held_depth_mm: NDArray[np.float32]
+    held_frame: VoxelFrame
+    skin_mm: float
+
+    def held_depth_at(self, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Depth below the skin in views that do not look along the end, (n,) mm, at (n, 3)."""
+        index = self.held_frame.index(points_mm).T
+        depth: NDArray[np.float64] = map_coordinates(
+            self.held_depth_mm, index, output=np.float64, order=1, mode="nearest"
+        )
+        return depth
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ def draw_place(
     apart = np.ones(len(index), bool)
     if breast.open_end is not None:  # what only oblique views hold is no place for a lesion
         end = breast.open_end
-        apart &= (centres - end.off_point_mm) @ end.off_normal < -radius_mm
+        apart &= end.held_depth_at(centres) > radius_mm + end.skin_mm
     for centre, radius in taken:
         apart &= np.linalg.norm(centres - centre, axis=1) > radius + radius_mm + 1.0
     choices = _in_preferred(centres, apart, coarse[tuple(index.T)], arises_in)

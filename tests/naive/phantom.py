@@ -108,6 +108,26 @@ def _full_potential(texture, corners, node, place, coarse_mm):
     return values[2] + np.clip(noise, -texture.noise_limit, texture.noise_limit) - pull
 
 
+def grain(texture, origin_mm, coarse_mm, point_mm):
+    """The finest noise at a point: the tile's cell at its net coordinates."""
+    at = (np.asarray(point_mm) - origin_mm) / coarse_mm
+    block = np.floor(at).astype(int)
+    corners = texture.fields[tuple(slice(n, n + 2) for n in block)].astype(float)
+    weights = [
+        np.prod(np.where(c, at - block, 1 - (at - block)))
+        for c in itertools.product((0, 1), repeat=3)
+    ]
+    bent = np.tensordot(weights, corners.reshape(8, -1), axes=1)[5:8]
+    cell = np.floor(bent * [5.0 * 0.55, 5.0, 5.0]).astype(int) % 128
+    return texture.tile_scale * texture.grain_tile[tuple(cell)]
+
+
+def thread_fill(gap_mm, radius_mm, voxel_mm):
+    """A cone that holds the cross-section of a thread, a voxel or more wide."""
+    wide = max(voxel_mm, np.sqrt(3.0) * radius_mm)
+    return max(np.pi * radius_mm**2 / (np.pi * wide**2 / 3.0) * (1.0 - gap_mm / wide), 0.0)
+
+
 def in_cone(point, start, end, radius):
     """Whether a point lies in a straight piece whose radius changes from end to end."""
     axis = end - start

@@ -41,7 +41,9 @@ class Texture(NamedTuple):
     """Everything that decides the fine structure.
 
     `fields` is (x, lateral, superior, channel); `coarse` and `fine` are the nets of primary and
-    secondary septa, `bundles` that of the muscle's; amplitudes are in units of the potential.
+    secondary septa, `bundles` that of the muscle's; amplitudes are in units of the potential. Gland
+    is where the potential above the threshold, at most `gland_cap`, and the tile's noise are
+    positive together; fat streaks of muscle are where that noise exceeds `muscle_streaks`.
     """
 
     fields: NDArray[np.float32]
@@ -57,6 +59,10 @@ class Texture(NamedTuple):
     noise_limit: float
     lobule_mm: float
     lobule_amplitude: float
+    grain_tile: NDArray[np.int8]
+    tile_scale: float
+    gland_cap: float
+    muscle_streaks: float
     key: int
 
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from mammosim._jit import Thread, kernel, merged_kernel, parallel_kernel, share
 from mammosim.phantom.anatomy._block_kernels import (
+    ADIPOSE,
     FIBRE,
     MUSCLE_DEPTH,
     NET,
@@ -23,7 +24,9 @@ from mammosim.phantom.anatomy._block_kernels import (
     new_block,
     trilinear,
 )
-from mammosim.phantom.anatomy._net_kernels import gather, wall_distance
+from mammosim.phantom.anatomy._fill_kernels import fill_of
+from mammosim.phantom.anatomy._grain_kernels import grain_at
+from mammosim.phantom.anatomy._net_kernels import EDGE_REACH, gather, wall_distance
 from mammosim.phantom.anatomy._noise_kernels import gradient_noise, lattice_hash
 from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut
 
@@ -151,9 +154,18 @@ def sample_potential(
                         block.centre[axis] = part
                         at[axis] = (block.low[axis] + part) / SUB_STEPS
                     out_state[i, j, k, s] = _state(labels, lattice, paint, block, at, origin)
-                    out_potential[i, j, k, s] = trilinear(
+                    value = trilinear(
                         block.corner, SEPTUM, block.centre[0], block.centre[1], block.centre[2]
                     )
+                    grain = grain_at(
+                        texture.grain_tile, texture.tile_scale,
+                        trilinear(block.corner, NET, at[0], at[1], at[2]),
+                        trilinear(block.corner, NET + 1, at[0], at[1], at[2]),
+                        trilinear(block.corner, NET + 2, at[0], at[1], at[2]),
+                    )  # fmt: skip
+                    # Whatever the threshold, a hole in the gland stays one.
+                    hole = texture.gland_cap + grain <= 0.0
+                    out_potential[i, j, k, s] = -1e9 if hole else value + grain
 
 
 @kernel
@@ -192,8 +204,8 @@ def _state(
     i, j = min(max(i, 0), labels.shape[0] - 1), min(max(j, 0), labels.shape[1] - 1)
     k = min(max(k, 0), labels.shape[2] - 1)
     label = labels[i, j, k]
-    if label == 0:
-        return UNDECIDED
+    if label == 0 or label == paint.labels[ADIPOSE] or fill_of(label, paint.labels) > 0.0:
+        return UNDECIDED  # threads are no tubes: gland takes their place
     return TUBE if label == 95 or label == 125 else SEPTUM_STATE
 
 
@@ -202,15 +214,17 @@ def decide_gland(
     texture: Texture, paint: Paint, block: Block, origin: NDArray[np.float64], h: float,
     only_muscle: bool,
 ) -> int:  # fmt: skip
-    """0 where a block holds no gland, 2 where it is all gland, 1 with its sub-grid filled."""
+    """0 where a block holds no gland, 2 where it is gland but for the grain's holes, 1 with its
+    sub-grid filled."""
     lowest, highest = block.corner[POTENTIAL].min(), block.corner[POTENTIAL].max()
-    if only_muscle or highest + texture.noise_limit <= paint.threshold:
+    grain = 128.0 * texture.tile_scale
+    if only_muscle or highest + texture.noise_limit + grain <= paint.threshold:
         return 0
     n = gather_lobules(texture, block, h)
     pull = 0.0
     for a in range(n):
         pull = max(pull, texture.lobule_amplitude * block.coarse.fatness[a])
-    if lowest - texture.noise_limit - pull > paint.threshold:
+    if lowest - texture.noise_limit - pull > paint.threshold + texture.gland_cap:
         return 2
     at, some, all_of_it = np.empty(3), False, True
     wanted = block.wanted
@@ -222,7 +236,8 @@ def decide_gland(
                 at[0], at[1], at[2] = a / SUB_STEPS, b / SUB_STEPS, c / SUB_STEPS
                 value = potential_at(texture, block, n, at, origin, h) - paint.threshold
                 block.sub[a, b, c] = value
-                some, all_of_it = some or value > 0.0, all_of_it and value > 0.0
+                some = some or value > -grain
+                all_of_it = all_of_it and value >= texture.gland_cap
     return (2 if all_of_it else 1) if some else 0
 
 
@@ -233,12 +248,12 @@ def gather_walls(
     """Cells of the nets whose walls cross a block: of both septa, or of bundles in muscle."""
     if only_muscle:
         radius = _net_frame(block, FIBRE, h)
-        reach = (1.8 * MUSCLE_FAT + 0.5 * voxel) * _stretch(block.slope)
+        reach = max(1.8 * MUSCLE_FAT + 0.5 * voxel, EDGE_REACH * MUSCLE_FAT) * _stretch(block.slope)
         return gather(texture.bundles, block.centre, radius, reach, block.slope, block.coarse), -1
     thick = block.corner[SEPTUM].max()
     if gland == 2 or thick <= 0.0:
         return 0, 0
     radius = _net_frame(block, NET, h)
-    reach = (1.8 * thick + 0.5 * voxel) * _stretch(block.slope)
+    reach = max(1.8 * thick + 0.5 * voxel, EDGE_REACH * thick) * _stretch(block.slope)
     n = gather(texture.coarse, block.centre, radius, reach, block.slope, block.coarse)
     return n, gather(texture.fine, block.centre, radius, reach, block.slope, block.fine)

@@ -14,16 +14,12 @@ from mammosim._jit import Thread, kernel, parallel_kernel, share
 from mammosim.phantom.anatomy._block_kernels import (
     ADIPOSE,
     CHANNELS,
-    EIGHTH,
     FIBRE,
     GLAND,
-    HALF,
-    LIGAMENT,
     MUSCLE,
     MUSCLE_DEPTH,
     NET,
     NIPPLE,
-    QUARTER,
     SEPTUM,
     SKIN,
     SKIN_DEPTH,
@@ -39,6 +35,8 @@ from mammosim.phantom.anatomy._block_kernels import (
     row_end,
     sub_row_values,
 )
+from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
+from mammosim.phantom.anatomy._grain_kernels import grain_at
 from mammosim.phantom.anatomy._net_kernels import wall_fill
 from mammosim.phantom.anatomy._noise_kernels import lattice_hash
 from mammosim.phantom.anatomy._parenchyma_kernels import MUSCLE_FAT, decide_gland, gather_walls
@@ -159,6 +157,8 @@ def _fill_block(
     t0, t1, t2, thin_per = (thin.origin_mm[0], thin.origin_mm[1], thin.origin_mm[2],
                             1.0 / thin.cell_mm)  # fmt: skip
     thin_share = texture.fine_septum
+    tile, tile_scale, cap = texture.grain_tile, texture.tile_scale, texture.gland_cap
+    streaks = texture.muscle_streaks
     first_k, last_k = lattice.superior_start[at[2]], lattice.superior_start[at[2] + 1]
     first_j, last_j = lattice.lateral_start[at[1]], lattice.lateral_start[at[1] + 1]
     for i in range(lattice.x_start[at[0]], lattice.x_start[at[0] + 1]):
@@ -194,19 +194,24 @@ def _fill_block(
                 in_muscle = (
                     muscle and depth > cover and low[MUSCLE_DEPTH] + w * step[MUSCLE_DEPTH] > 0.0
                 )
+                held = 0.0
                 if not in_muscle:
-                    if labels[i, j, k] != 0:
-                        continue
-                    if gland == 2 or (gland == 1 and on_sub_row(sub_row, w) > 0.0):
+                    here = labels[i, j, k]
+                    held = fill_of(here, name)
+                    if here != 0 and here != name[ADIPOSE] and held == 0.0:
+                        continue  # a tube
+                p = low[net_at] + w * step[net_at]
+                q = low[net_at + 1] + w * step[net_at + 1]
+                r = low[net_at + 2] + w * step[net_at + 2]
+                if gland > 0 and not in_muscle:
+                    above = min(on_sub_row(sub_row, w), cap) if gland == 1 else cap
+                    if above + grain_at(tile, tile_scale, p, q, r) > 0.0:
                         labels[i, j, k] = name[GLAND]
                         continue
-                fill = 0.0
+                fill = held
                 if in_muscle == only_muscle and (walls[0] > 1 or walls[1] > 1):
-                    p = low[net_at] + w * step[net_at]
-                    q = low[net_at + 1] + w * step[net_at + 1]
-                    r = low[net_at + 2] + w * step[net_at + 2]
                     thick = MUSCLE_FAT if in_muscle else low[SEPTUM] + w * step[SEPTUM]
-                    fill = wall_fill(
+                    fill += wall_fill(
                         place, pair, walls[0], (p - o0) * per, (q - o1) * per, (r - o2) * per,
                         thick, voxel,
                     )  # fmt: skip
@@ -215,6 +220,8 @@ def _fill_block(
                             thin_place, thin_pair, walls[1], (p - t0) * thin_per,
                             (q - t1) * thin_per, (r - t2) * thin_per, thin_share * thick, voxel,
                         )  # fmt: skip
+                    if in_muscle and grain_at(tile, tile_scale, p, q, r) > streaks:
+                        fill = 1.0
                 if fill <= 0.0:
                     labels[i, j, k] = name[MUSCLE] if in_muscle else name[ADIPOSE]
                     continue
@@ -222,16 +229,4 @@ def _fill_block(
                 if in_muscle:
                     labels[i, j, k] = name[ADIPOSE] if lot < fill else name[MUSCLE]
                 else:
-                    labels[i, j, k] = name[_step(fill, lot)]
-
-
-@kernel
-def _step(fill: float, lot: float) -> int:
-    """Place in `Paint.labels` of a filling: the step below or above, so that its mean is right."""
-    if fill < 0.125:
-        return EIGHTH if lot < fill / 0.125 else ADIPOSE
-    if fill < 0.25:
-        return QUARTER if lot < (fill - 0.125) / 0.125 else EIGHTH
-    if fill < 0.5:
-        return HALF if lot < (fill - 0.25) / 0.25 else QUARTER
-    return LIGAMENT if lot < (fill - 0.5) / 0.5 else HALF
+                    labels[i, j, k] = name[fill_step(fill, lot)]

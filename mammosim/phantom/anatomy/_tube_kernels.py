@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from mammosim._jit import kernel
 from mammosim.phantom.anatomy._block_kernels import Lattice
+from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
+from mammosim.phantom.anatomy._net_kernels import thread_fill
+from mammosim.phantom.anatomy._noise_kernels import lattice_hash
 
 
 @kernel
@@ -54,3 +57,45 @@ def paint_tubes(
             within = 0 <= i < labels.shape[0] and 0 <= j < labels.shape[1]
             if within and 0 <= k < labels.shape[2]:
                 labels[i, j, k] = label[n]
+
+
+@kernel
+def paint_threads(
+    labels: NDArray[np.uint8], lattice: Lattice, ends_mm: NDArray[np.float64],
+    radius_mm: NDArray[np.float64], name: NDArray[np.uint8], key: int,
+) -> None:  # fmt: skip
+    """Paint straight round pieces of ligament by the part of each voxel that they fill.
+
+    Ends are (n, 2, 3) and radii (n, 2) at both ends, mm; `name` as `Paint.labels`. Of two in a
+    voxel the larger part counts.
+    """
+    voxel = lattice.x_mm[1] - lattice.x_mm[0]
+    for n in range(ends_mm.shape[0]):
+        a, b = ends_mm[n, 0], ends_mm[n, 1]
+        wide = max(voxel, 1.7320508 * max(radius_mm[n, 0], radius_mm[n, 1]))
+        low, high = np.minimum(a, b) - wide, np.maximum(a, b) + wide
+        squared = max(((b - a) ** 2).sum(), 1e-9)
+        i0, i1 = np.searchsorted(lattice.x_mm, low[0]), np.searchsorted(lattice.x_mm, high[0])
+        j0 = np.searchsorted(lattice.lateral_mm, low[1])
+        j1 = np.searchsorted(lattice.lateral_mm, high[1])
+        k0 = np.searchsorted(lattice.superior_mm, low[2])
+        k1 = np.searchsorted(lattice.superior_mm, high[2])
+        for i in range(i0, i1):
+            dx = lattice.x_mm[i] - a[0]
+            for j in range(j0, j1):
+                dy = lattice.lateral_mm[j] - a[1]
+                for k in range(k0, k1):
+                    dz = lattice.superior_mm[k] - a[2]
+                    t = (dx * (b[0] - a[0]) + dy * (b[1] - a[1]) + dz * (b[2] - a[2])) / squared
+                    if t < 0.0 or t >= 1.0:
+                        continue  # the next piece's
+                    gap = (
+                        (dx - t * (b[0] - a[0])) ** 2 + (dy - t * (b[1] - a[1])) ** 2
+                        + (dz - t * (b[2] - a[2])) ** 2
+                    )  # fmt: skip
+                    if gap < wide * wide:
+                        radius = radius_mm[n, 0] + t * (radius_mm[n, 1] - radius_mm[n, 0])
+                        fill = thread_fill(np.sqrt(gap), radius, voxel)
+                        if fill > fill_of(labels[i, j, k], name):
+                            lot = lattice_hash(i, j, k, key) / 4294967296.0
+                            labels[i, j, k] = name[fill_step(fill, lot)]

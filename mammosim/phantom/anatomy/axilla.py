@@ -17,9 +17,14 @@ CUT_DEG = 45.0
 """Direction out of the open end, from lateral to superior, degrees: along the picture's long side
 in the usual oblique view."""
 
-OFF_DEG = 60.0
-"""Direction beyond which tissue stays off the plates in other views, degrees: the paddle comes
-down in front of what lies above the breast, and holds its lateral tail."""
+HELD_FROM, HELD_OVER = 0.25, 0.45
+"""Where, along the way to the axilla, the skin of other views leaves that of oblique ones, and over
+what way it goes over into the breast's own, in radii of the breast."""
+
+START, BEGINS = 0.2, 0.85
+"""Where the ridge starts along its direction, and over what way it rises, in radii of the breast:
+far enough out that it lies below the breast's own surface in views that leave the axilla off. If
+it stood out there, compression would fold the hollow before it into a crease across the picture."""
 
 
 @dataclass(frozen=True)
@@ -36,15 +41,12 @@ class Axilla:
         Its middle line against the nipple, upwards across its direction.
     cut_mm : float
         Where the phantom ends, along its direction from the nipple.
-    off_mm : float
-        What lies farther in the direction `OFF_DEG` stays off the plates in other views.
     """
 
     height_mm: float
     half_width_mm: float
     offset_mm: float
     cut_mm: float
-    off_mm: float
 
 
 def draw_axilla(shape: Shape, rng: np.random.Generator) -> Axilla:
@@ -52,11 +54,10 @@ def draw_axilla(shape: Shape, rng: np.random.Generator) -> Axilla:
     radius = shape.radius_mm
     start = 0.5 * shape.base_superior_mm
     return Axilla(
-        height_mm=radius * rng.uniform(0.76, 0.96),
+        height_mm=radius * rng.uniform(0.70, 0.90),
         half_width_mm=radius * rng.uniform(0.72, 0.90),
         offset_mm=start + radius * rng.uniform(-0.05, 0.1),
         cut_mm=radius * rng.uniform(1.36, 1.52) + start,
-        off_mm=0.72 * radius + start,
     )
 
 
@@ -80,7 +81,7 @@ def ridge_level(axilla: Axilla, shape: Shape, points_mm: Points) -> NDArray[np.f
     x, lateral, superior = points_mm
     angle = np.deg2rad(CUT_DEG)
     across = superior * np.cos(angle) - lateral * np.sin(angle) - axilla.offset_mm
-    begun = np.clip(along_mm(lateral, superior) / shape.radius_mm + 0.05, 0.0, 1.0)
+    begun = np.clip((along_mm(lateral, superior) / shape.radius_mm - START) / BEGINS, 0.0, 1.0)
     begun = begun * begun * (3.0 - 2.0 * begun)
     depth = np.clip(x, 0.0, None)
     inside: NDArray[np.float64] = (

@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from mammosim.config import documents_keys, given_settings
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
-from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, Lattice, Paint, Texture
+from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, SKIN_MM, Lattice, Paint, Texture
+from mammosim.phantom.anatomy._grain_kernels import TILE
 from mammosim.phantom.anatomy._net_kernels import Net
 from mammosim.phantom.anatomy._parenchyma_kernels import TUBE, UNDECIDED, sample_potential
 from mammosim.phantom.anatomy._tissue_kernels import paint_tissue
-from mammosim.phantom.anatomy._tube_kernels import paint_tubes
-from mammosim.phantom.anatomy.axilla import CUT_DEG, OFF_DEG, Axilla, draw_axilla
+from mammosim.phantom.anatomy._tube_kernels import paint_threads, paint_tubes
+from mammosim.phantom.anatomy.axilla import CUT_DEG, draw_axilla
 from mammosim.phantom.anatomy.ducts import grow_ducts
+from mammosim.phantom.anatomy.findings import Ball, Fold, Site, draw_findings, paint_findings
 from mammosim.phantom.anatomy.keys import OtherGenerateKeys
 from mammosim.phantom.anatomy.lobules import (
     FINE_MM,
@@ -35,7 +37,8 @@ from mammosim.phantom.anatomy.muscle import (
     muscle_depth,
 )
 from mammosim.phantom.anatomy.nipple import Nipple, draw_nipple, varied
-from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, skin_depth
+from mammosim.phantom.anatomy.noise import noise_tile
+from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, held_depth, skin_depth
 from mammosim.phantom.anatomy.parenchyma import (
     Parenchyma,
     draw_parenchyma,
@@ -45,6 +48,7 @@ from mammosim.phantom.anatomy.parenchyma import (
 from mammosim.phantom.anatomy.settings import GenerateSettings
 from mammosim.phantom.anatomy.shape import TYPICAL_ML, draw_shape, like
 from mammosim.phantom.anatomy.skin import skin_mm
+from mammosim.phantom.anatomy.threads import Threads, draw_threads
 from mammosim.phantom.anatomy.tubes import Tubes, gather_tubes
 from mammosim.phantom.anatomy.vessels import grow_vessels
 from mammosim.phantom.breast import BreastPhantom, OpenEnd
@@ -70,7 +74,18 @@ mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 1999, Proc SPIE 
 NOISE_LIMIT = 1.5
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
-FINE_SEPTUM = 0.5
+FINE_AMPLITUDE, FINE_LIMIT = 0.26, 2.6
+"""Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
+deviations. Chosen by eye."""
+
+GLAND_CAP = 0.40
+"""The potential above the threshold counts for no more: holes of fat, a tenth of the volume, stay
+within compact gland. Chosen by eye."""
+
+MUSCLE_STREAKS = 1.5
+"""Standard deviations of the finest noise above which muscle is fat: a fifteenth of it."""
+
+FINE_SEPTUM = 0.4
 """Thickness of the septa within lobules against those between them. Chosen by eye."""
 
 AREOLA_MM = (0.5, 14.0)
@@ -151,8 +166,11 @@ class _Anatomy:
     kind: Parenchyma
     fields: NDArray[np.float32]
     tubes: Tubes
+    threads: Threads
     nets: tuple[Net, Net, Net]
+    tile: NDArray[np.int8]
     nipple: Nipple
+    findings: list[Ball | Fold]
 
 
 def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastPhantom:
@@ -163,11 +181,14 @@ def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastP
         (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size), np.uint8
     )
     tubes = anatomy.tubes
+    threads = anatomy.threads
+    paint_threads(labels, lattice, threads.ends_mm, threads.radius_mm, paint.labels, seed & 0xFFFF)
     paint_tubes(labels, lattice, tubes.ends_mm, tubes.radius_mm, tubes.label)
     paint = paint._replace(
         threshold=_threshold(labels, lattice, texture, paint, settings.target_percent)
     )
     paint_tissue(_dealt(lattice.x_start.size - 1), labels, lattice, texture, paint)
+    paint_findings(labels, lattice, anatomy.findings, np.random.default_rng([seed, 5]))
     return _phantom(labels, lattice, anatomy, settings, seed, laterality)
 
 
@@ -182,8 +203,9 @@ def _woman(seed: int) -> list[np.random.Generator]:
 
 
 def _breast(seed: int, laterality: str) -> list[np.random.Generator]:
-    """Streams of one breast's own: size, shape, fields, lobules, ducts and vessels."""
-    return np.random.default_rng([seed, "LR".index(laterality) + 1]).spawn(6)
+    """Streams of one breast's own: size, shape, fields, lobules, ducts, vessels, threads and what
+    is found."""
+    return np.random.default_rng([seed, "LR".index(laterality) + 1]).spawn(8)
 
 
 def _volume_ml(
@@ -196,7 +218,9 @@ def _volume_ml(
 
 def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _Anatomy:
     shared, how_gland_lies = _woman(seed)
-    size_rng, shape_rng, field_rng, lobule_rng, duct_rng, vessel_rng = _breast(seed, laterality)
+    size_rng, shape_rng, field_rng, lobule_rng, duct_rng, vessel_rng, thread_rng, finding_rng = (
+        _breast(seed, laterality)
+    )
     volume_ml = _volume_ml(settings, shared, size_rng)
     skin = float(np.clip(shared.normal(1.45, 0.18), 1.2, 2.0))
     nipple = varied(draw_nipple(settings, shared), settings, shape_rng)
@@ -223,7 +247,11 @@ def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _A
     )
     vessels = grow_vessels(outline, depth, muscled, frame, vessel_rng)
     tubes = gather_tubes([*vessels, *trees.pieces])
-    return _Anatomy(outline, frame, kind, fields, tubes, nets, nipple)
+    threads = draw_threads(depth, muscled, frame, ends[0], kind.threads, thread_rng)
+    tile = noise_tile(thread_rng, TILE, FINE_LIMIT)
+    site = Site(depth, muscled, thickness, frame, outline.axilla, ends[:1] * [1.0, 0.0, 0.0], tubes)
+    findings = draw_findings(settings, site, finding_rng)
+    return _Anatomy(outline, frame, kind, fields, tubes, threads, nets, tile, nipple, findings)
 
 
 def _dealt(layers: int) -> NDArray[np.int64]:
@@ -263,6 +291,8 @@ def _texture(anatomy: _Anatomy, seed: int) -> Texture:
         np.array([anatomy.outline.shape.depth_mm + 5.0, 0.0, 0.0]),
         kind.strands * np.array(FAN_SHARE), np.array(FAN_PER_RADIAN),
         np.array(GRAIN_AMPLITUDE), np.array(GRAIN_MM), NOISE_LIMIT, kind.lobule_mm, kind.lobules,
+        anatomy.tile, FINE_AMPLITUDE * FINE_LIMIT / 127.0, GLAND_CAP,
+        FINE_AMPLITUDE * MUSCLE_STREAKS,
         seed & 0xFFFFFF,
     )  # fmt: skip
 
@@ -330,14 +360,22 @@ def _phantom(
         laterality,
         {tissue.label: tissue.name for tissue in TISSUES.values()},
         nipple_position(labels, frame)[0],
-        open_end=_open_end(anatomy.outline.axilla, laterality),
+        open_end=_open_end(anatomy, laterality),
         source=f"generated ({settings.density_class}, seed {seed})",
     )
 
 
-def _open_end(axilla: Axilla, laterality: str) -> OpenEnd:
-    """The cut towards the axilla, and the plane beyond which only oblique views hold tissue."""
+def _open_end(anatomy: _Anatomy, laterality: str) -> OpenEnd:
+    """The cut towards the axilla, and the skin of views that hold no axilla."""
     side = 1.0 if laterality == "L" else -1.0
-    angles = np.deg2rad([CUT_DEG, OFF_DEG])
-    out, off = (np.array([0.0, side * np.cos(angle), np.sin(angle)]) for angle in angles)
-    return OpenEnd(axilla.cut_mm * out, out, axilla.off_mm * off, off)
+    angle = np.deg2rad(CUT_DEG)
+    out = np.array([0.0, side * np.cos(angle), np.sin(angle)])
+    frame, outline = anatomy.frame, anatomy.outline
+    depth = held_depth(outline, frame).astype(np.float32)
+    origin = frame.origin_mm.copy()
+    if laterality == "R":
+        depth = np.ascontiguousarray(depth[:, ::-1])
+        origin[1] = -(origin[1] + frame.spacing_mm[1] * (frame.shape[1] - 1))
+    held_frame = VoxelFrame(origin, frame.spacing_mm, frame.shape)
+    skin = float(anatomy.fields[..., SKIN_MM].mean())
+    return OpenEnd(outline.axilla.cut_mm * out, out, depth, held_frame, skin)

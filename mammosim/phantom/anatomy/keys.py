@@ -20,11 +20,26 @@ class OtherGenerateKeys(TypedDict, total=False):
     breast CT (Huang et al. 2008, Med Phys 35:1199-1206)."""
 
     nipple_height_mm: float | None
-    """How far the nipple stands out of the areola, mm; left out, drawn by the seed: 4 on average,
-    1.5 to 10, and up to 2 in one breast of eight."""
+    """How far the nipple stands out of the areola, mm; left out, drawn by the seed: 5.5 on average,
+    1.5 to 12, and up to 2 in one breast of twelve."""
 
     nipple_diameter_mm: float | None
-    """Diameter of the nipple, mm; left out, drawn by the seed from 7 to 15."""
+    """Diameter of the nipple, mm; left out, drawn by the seed from 8 to 16."""
+
+    lymph_nodes: int | None
+    """Number of lymph nodes on the way to the axilla; left out, drawn by the seed: most often none
+    or one, and rarely one within the breast."""
+
+    benign_calcifications: Literal["chance", "none", "vascular", "round", "popcorn", "rods", "skin"]
+    """Benign calcifications of a kind, none, or by chance: in arteries of one breast of thirteen,
+    others in one of seven. They have a label of their own and are not listed as lesions. Default:
+    chance."""
+
+    moles: int
+    """Number of raised moles on the skin. Default: 0."""
+
+    skin_folds: int
+    """Number of folds of the skin between breast and axilla. Default: 0."""
 
 
 class GenerateKeys(OtherGenerateKeys, total=False):

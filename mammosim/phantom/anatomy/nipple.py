@@ -9,9 +9,18 @@ from numpy.typing import NDArray
 
 from mammosim.phantom.anatomy.settings import GenerateSettings
 
-FLAT_SHARE = 0.12
-"""Share of breasts whose nipple is flat or drawn in: about a tenth of women (Alexander, Grant &
-Campbell 1992, BMJ 304:1030-1032)."""
+FLAT_SHARE = 0.08
+"""Share of breasts whose nipple is flat or drawn in: of 600 breasts 3.5 % were inverted (Sanuki et
+al. 2009, Aesthetic Plast Surg 33:295-297), of women a tenth has one that is flat or inverted
+(Alexander, Grant & Campbell 1992, BMJ 304:1030-1032)."""
+
+HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 5.5, 9.0, (1.5, 12.0)
+"""Mean height of a nipple that is not flat, shape of its gamma law, and bounds: measured with
+calipers it is 9 mm on average (Sanuki et al. 2009), less when it is not stimulated (assumed)."""
+
+DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 12.0, 1.8, (8.0, 16.0)
+"""Diameter: 13 mm on average (Sanuki et al. 2009), at the foot here a millimetre wider than
+stated; the spread is assumed."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +66,12 @@ class Nipple:
 def draw_nipple(settings: GenerateSettings, rng: np.random.Generator) -> Nipple:
     """A nipple; height and diameter are as settings say, or drawn."""
     flat = rng.random() < FLAT_SHARE
-    height = rng.uniform(0.5, 2.0) if flat else float(np.clip(rng.gamma(5.0, 0.8), 1.5, 10.0))
-    diameter = float(np.clip(rng.normal(10.5, 1.8), 7.0, 15.0))
+    height = (
+        rng.uniform(0.5, 2.0)
+        if flat
+        else float(np.clip(rng.gamma(HEIGHT_SHAPE, HEIGHT_MM / HEIGHT_SHAPE), *HEIGHTS_MM))
+    )
+    diameter = float(np.clip(rng.normal(DIAMETER_MM, DIAMETER_SPREAD_MM), *DIAMETERS_MM))
     tilt = rng.normal(0.0, 0.22, 2).clip(-0.5, 0.5)
     return Nipple(
         settings.nipple_height_mm or height,

@@ -8,6 +8,10 @@ from scipy import ndimage
 
 from mammosim.geometry import VoxelFrame
 
+TILE_EXPONENT = 2.4
+"""Of the power spectrum over frequency of the finest noise, in three dimensions, as that of
+projections, in which it is the same (Burgess 1999, Proc SPIE 3659)."""
+
 
 def smooth_noise(
     rng: np.random.Generator, frame: VoxelFrame, wavelength_mm: float
@@ -16,3 +20,27 @@ def smooth_noise(
     sigma = wavelength_mm / (2.0 * np.pi) / float(frame.spacing_mm[0])
     noise = ndimage.gaussian_filter(rng.standard_normal(frame.shape), sigma, mode="wrap")
     return (noise - noise.mean()) / noise.std()
+
+
+def noise_tile(rng: np.random.Generator, side: int, limit: float) -> NDArray[np.int8]:
+    """Noise with a power law that repeats after `side` cells, (side, side, side).
+
+    Parameters
+    ----------
+    rng : Generator
+    side : int
+    limit : float
+        Where it is cut off, in standard deviations; this is 127 in the tile.
+
+    Notes
+    -----
+    Wavelengths are 2.5 to 20 cells, and power falls with frequency to the `TILE_EXPONENT`.
+    """
+    spectrum = np.fft.rfftn(rng.standard_normal((side, side, side)))
+    first, last = np.fft.fftfreq(side), np.fft.rfftfreq(side)
+    squared = first[:, None, None] ** 2 + first[:, None] ** 2 + last**2
+    band = (squared > 0.05**2) & (squared < 0.4**2)
+    spectrum *= np.where(band, np.maximum(squared, 1e-6) ** (-0.25 * TILE_EXPONENT), 0.0)
+    noise = np.fft.irfftn(spectrum, s=(side, side, side), axes=(0, 1, 2))
+    scaled = np.clip(noise / noise.std() / limit, -1.0, 1.0)
+    return np.rint(127.0 * scaled).astype(np.int8)

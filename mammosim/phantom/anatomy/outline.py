@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mammosim.geometry import VoxelFrame
-from mammosim.phantom.anatomy.axilla import Axilla, along_mm, ridge_level
+from mammosim.phantom.anatomy.axilla import (
+    HELD_FROM,
+    HELD_OVER,
+    Axilla,
+    along_mm,
+    ridge_level,
+)
 from mammosim.phantom.anatomy.shape import Points, Shape, level
 
 GRID_MM = 2.0
@@ -80,6 +86,23 @@ def skin_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
     weight = np.clip((near - 3.0) / 5.0, 0.0, 1.0)
     blended: NDArray[np.float64] = np.where(value > 0, (1 - weight) * near + weight * far, near)
     return np.clip(blended, -4.0 * GRID_MM, None)
+
+
+def held_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
+    """Depth below the skin near it in views without the axilla, mm.
+
+    There the breast ends in its own surface, which oblique views lose in that of the axilla. Where
+    neither differs it is large, so that nothing is done there.
+    """
+    points = mesh(frame)
+    joined = near_depth(outline, frame)
+    joined = joined / np.maximum(_steepness(joined), 0.3)
+    breast = _to_first_order(level(outline.shape, points), GRID_MM)
+    way = along_mm(points[1], points[2]) / outline.shape.radius_mm
+    part = np.clip((way - HELD_FROM) / HELD_OVER, 0.0, 1.0)
+    part = part * part * (3.0 - 2.0 * part)
+    held: NDArray[np.float64] = np.where(part > 0.0, joined + part * (breast - joined), 40.0)
+    return held
 
 
 def near_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:

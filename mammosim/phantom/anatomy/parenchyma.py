@@ -40,6 +40,8 @@ class Parenchyma:
         How much wider the cone is towards the upper outer quadrant, degrees.
     lobule_size : float
         Size of fat lobules against the mean.
+    threads : float
+        Number of fibrous threads against the mean.
     """
 
     fat_mm: float
@@ -53,14 +55,15 @@ class Parenchyma:
     septum_mm: float
     lean_deg: float = 9.0
     lobule_size: float = 1.0
+    threads: float = 1.0
 
 
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
-        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 0.55, 0.75, 2.4, 2.0, 0.16),
-        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.50, 0.60, 2.1, 2.2, 0.18),
-        "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.40, 0.50, 1.8, 2.3, 0.19),
-        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.28, 0.40, 1.5, 2.5, 0.20),
+        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 0.55, 0.75, 2.4, 2.0, 0.22),
+        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.50, 0.60, 2.1, 2.2, 0.24),
+        "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.40, 0.50, 1.8, 2.3, 0.24),
+        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.28, 0.40, 1.5, 2.5, 0.25),
     }
 )
 """Chosen by eye on projections, so that each class looks like mammograms of its BI-RADS letter;
@@ -89,7 +92,9 @@ def draw_parenchyma(density: str, rng: np.random.Generator) -> Parenchyma:
     }
     changed["cone_deg"] = min(changed["cone_deg"], 80.0)
     size = float(np.exp(0.15 * np.clip(rng.standard_normal(), -2.0, 2.0)))
-    return replace(kind, **changed, lean_deg=float(rng.uniform(4.0, 16.0)), lobule_size=size)
+    lean = float(rng.uniform(4.0, 16.0))
+    threads = float(np.exp(0.35 * np.clip(rng.standard_normal(), -2.0, 2.0)))
+    return replace(kind, **changed, lean_deg=lean, lobule_size=size, threads=threads)
 
 
 def gland_room(

@@ -79,7 +79,8 @@ def draw_shape(volume_ml: float, rng: np.random.Generator) -> Shape:
     Notes
     -----
     Proportions are choices, made so that compressed breasts have the areas and thicknesses that
-    are published (docs/explanation/phantom.md shows both), and that no two look alike.
+    are published (docs/explanation/phantom.md shows both), and that no two look alike. A breast
+    is drawn as it is positioned, lifted so that its nipple lies about midway between the plates.
     """
     radius = 62.0 * (volume_ml / TYPICAL_ML) ** (1.0 / 3.0)
     larger = np.log2(volume_ml / TYPICAL_ML)
@@ -93,8 +94,8 @@ def draw_shape(volume_ml: float, rng: np.random.Generator) -> Shape:
         upper=rng.uniform(0.86, 1.06),
         lower=rng.uniform(0.82, 0.98),
         base_lateral_mm=radius * rng.uniform(-0.10, 0.05),
-        base_superior_mm=radius * (0.04 + 0.13 * ptosis),
-        sag_mm=radius * 0.10 * ptosis * rng.uniform(0.5, 1.5),
+        base_superior_mm=radius * (0.02 + 0.08 * ptosis),
+        sag_mm=radius * 0.07 * ptosis * rng.uniform(0.5, 1.5),
         fullness=rng.uniform(0.02, 0.22),
         slope=float(np.clip(0.3 + 0.5 * ptosis + 0.2 * rng.standard_normal(), 0.1, 1.1)),
         boxiness=rng.uniform(1.75, 2.1),
