@@ -254,7 +254,8 @@ def test_septa_are_reported_and_do_not_depend_on_the_voxel():
     ]
     # Of 200 mL, some hundred thousand voxels by lot; skin and tubes are coarser in the larger.
     assert ligament[0] == pytest.approx(ligament[1], rel=0.05)
-    assert 4.0 < ligament[0] < 30.0
+    # Walls, their edges and threads together: a tenth to a sixth of a fatty breast.
+    assert 10.0 < ligament[0] < 40.0
 
 
 @pytest.mark.parametrize("seed", range(20, 32))

@@ -226,6 +226,12 @@ def _edge_part(ratio: float, start: float) -> float:
 
 
 @kernel
+def _on_toe(value: float, toe: float) -> float:
+    """`value`, but below the toe it nears 0, with no kink."""
+    return toe * exp((value - toe) / toe) if value < toe else value
+
+
+@kernel
 def _bent(value: float, toe: float, shoulder: float, white: float) -> float:
     """`value`, but below the toe it nears 0 and above the shoulder `white`, with no kink."""
     if value < toe:
@@ -250,8 +256,9 @@ def present_kernel(
     """Add what the margin lacks, split the sum into base and detail, and show both as grey.
 
     `missing` and `base` are coarse and interpolated linearly. Detail is added to the base, weak
-    detail times the gain, and raised where the curve is flat; a curve with toe and shoulder shows
-    the sum. It is bent at black and white once more, so that nothing is clipped.
+    detail times the gain, and raised where the curve is flat; the curve's toe shows the sum, and on
+    its shoulder detail keeps a part of its contrast. The sum is bent at black and white once more,
+    so that nothing is clipped.
     """
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
     rows, columns = attenuation.shape
@@ -269,14 +276,15 @@ def present_kernel(
             straight = curve.fat_grey + slope * (smooth - curve.fat)
             shown = _bent(straight, curve.toe, curve.shoulder, curve.white)
             detail = level - smooth
-            more = (curve.gain - 1.0) * DETAIL_LIMIT * tanh(detail / DETAIL_LIMIT)
+            weak = DETAIL_LIMIT * tanh(detail / DETAIL_LIMIT)
+            more = (curve.gain - 1.0) * weak
             # of the base's curve there: its toe and its shoulder are exponential
-            on_toe = min(shown / curve.toe, 1.0)
-            on_shoulder = min((curve.white - shown) / (curve.white - curve.shoulder), 1.0)
-            kept = max(MIN_TOE_SLOPE / max(on_toe, 0.05), 1.0)
-            kept *= max(MIN_SHOULDER_SLOPE / max(on_shoulder, 0.05), 1.0)
-            # the curve bends what is enhanced, so that bright detail stands out more than dark
-            straight += slope * kept * (detail + more)
-            shown = _bent(straight, curve.toe, curve.shoulder, curve.white)
+            on_toe = max(min(shown / curve.toe, 1.0), 0.05)
+            on_shoulder = (curve.white - shown) / (curve.white - curve.shoulder)
+            on_shoulder = min(max(on_shoulder, MIN_SHOULDER_SLOPE), 1.0)
+            # the toe bends what is enhanced, so that bright detail stands out more than dark
+            kept = max(MIN_TOE_SLOPE / on_toe, 1.0) - 1.0
+            raised = straight + slope * (detail + more + kept * curve.gain * weak)
+            shown += on_shoulder * (_on_toe(raised, curve.toe) - _on_toe(straight, curve.toe))
             shown = _bent(shown, FINAL_TOE, FINAL_SHOULDER, 1.0)
             out_pixels[row, column] = int(shown * maximum + 0.5)

@@ -28,6 +28,9 @@ class Look:
 SHARP_MM = 0.2
 """Width of the Gaussian above which sharpness does nothing, mm."""
 
-LOOKS = {"crisp": Look(1.5, 0.07, 0.8), "soft": Look(1.15, 0.10, 0.35)}
+SHARP_LIMIT = 0.025
+"""Details (ln) well below this are raised in full, those above not at all."""
+
+LOOKS = {"crisp": Look(1.35, 0.07, 0.8), "soft": Look(1.15, 0.10, 0.35)}
 """Scanners differ in how far they enhance local contrast and suppress noise; these are two ends of
 what is seen on clinical images, of no manufacturer in particular."""

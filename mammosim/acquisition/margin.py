@@ -39,7 +39,7 @@ NIPPLE_ZONE_MM = (2.5, 6.0)
 NIPPLE_EDGE = 0.8
 """Part of its mean attenuation at which a nipple's own edge ends."""
 
-NIPPLE_BELOW_FAT = -0.12
+NIPPLE_BELOW_FAT = -0.05
 """A nipple is shown by this much (ln) darker than fat, here a little brighter, so that no dark gap
 opens between it and the skin line. On clinical images with a nipple in profile it is at the dark
 end of the breast's grey levels, and joins the skin line."""

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from mammosim.acquisition._kernels import ToneCurve, present_kernel
 from mammosim.acquisition.blocks import block_mean, cell_pixels
-from mammosim.acquisition.looks import LOOKS, SHARP_MM, Look
+from mammosim.acquisition.looks import LOOKS, SHARP_LIMIT, SHARP_MM, Look
 from mammosim.acquisition.margin import Margin, find_margin, missing_attenuation, smooth_step
 from mammosim.acquisition.muscle import muscle_of
 
@@ -178,6 +178,7 @@ def _restored(attenuation: NDArray[np.float32], look: Look, pixel_mm: float) -> 
     )
     wide = ndimage.gaussian_filter(smooth, SHARP_MM / pixel_mm, mode="nearest", truncate=3.0)
     np.subtract(smooth, wide, out=wide)
-    wide *= np.float32(look.sharpness)
+    # strong steps, as the muscle's edge, are left alone: no halo
+    wide *= np.float32(look.sharpness) * np.exp(-np.square(wide / np.float32(SHARP_LIMIT)))
     smooth += wide
     return smooth

@@ -30,7 +30,7 @@ from mammosim.phantom.anatomy._net_kernels import EDGE_REACH, gather, wall_dista
 from mammosim.phantom.anatomy._noise_kernels import gradient_noise, lattice_hash
 from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut
 
-NOT_COUNTED, UNDECIDED, TUBE, SEPTUM_STATE = 0, 1, 2, 3
+NOT_COUNTED, UNDECIDED, TUBE, VESSEL, IN_MUSCLE = 0, 1, 2, 3, 4
 
 MUSCLE_FAT = 0.22
 """Mean thickness of the fat between bundles of muscle, mm. Chosen."""
@@ -197,7 +197,7 @@ def _state(
     if x < 0.0 or depth < thick or beyond_cut(paint, y, z):
         return NOT_COUNTED
     if trilinear(block.corner, MUSCLE_DEPTH, u, v, w) > 0.0 and depth > paint.cover_mm:
-        return NOT_COUNTED
+        return IN_MUSCLE
     i = int((x - lattice.x_mm[0]) / voxel + 0.5)
     j = int((y - lattice.lateral_mm[0]) / voxel + 0.5)
     k = int((z - lattice.superior_mm[0]) / voxel + 0.5)
@@ -206,7 +206,7 @@ def _state(
     label = labels[i, j, k]
     if label == 0 or label == paint.labels[ADIPOSE] or fill_of(label, paint.labels) > 0.0:
         return UNDECIDED  # threads are no tubes: gland takes their place
-    return TUBE if label == 95 or label == 125 else SEPTUM_STATE
+    return TUBE if label == 95 or label == 125 else VESSEL
 
 
 @kernel

@@ -14,7 +14,12 @@ from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, SKIN_MM, Lattice, Paint, Texture
 from mammosim.phantom.anatomy._grain_kernels import TILE
 from mammosim.phantom.anatomy._net_kernels import Net
-from mammosim.phantom.anatomy._parenchyma_kernels import TUBE, UNDECIDED, sample_potential
+from mammosim.phantom.anatomy._parenchyma_kernels import (
+    IN_MUSCLE,
+    TUBE,
+    UNDECIDED,
+    sample_potential,
+)
 from mammosim.phantom.anatomy._tissue_kernels import paint_tissue
 from mammosim.phantom.anatomy._tube_kernels import paint_threads, paint_tubes
 from mammosim.phantom.anatomy.axilla import CUT_DEG, draw_axilla
@@ -31,6 +36,7 @@ from mammosim.phantom.anatomy.lobules import (
 from mammosim.phantom.anatomy.muscle import (
     BUNDLE_MM,
     COVER_MM,
+    FAT_IN_MUSCLE,
     draw_muscle,
     fibre_coordinates,
     fit_volume,
@@ -326,7 +332,10 @@ def _threshold(
     shape = (*(side - 1 for side in texture.fields.shape[:3]), 4)
     potential, state = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
     sample_potential(_dealt(shape[0]), labels, lattice, texture, paint, potential, state)
-    wanted = percent / 100.0 * np.count_nonzero(state)
+    muscle = np.count_nonzero(state == IN_MUSCLE)
+    # Fat within muscle counts as breast; gland has no part in it.
+    counted = np.count_nonzero(state) - (1.0 - FAT_IN_MUSCLE) * muscle
+    wanted = percent / 100.0 * counted
     ducts = np.count_nonzero(state == TUBE)
     free = np.sort(potential[state == UNDECIDED])
     # Ducts and units count whatever the threshold; of the rest, as many of the highest as miss.

@@ -19,8 +19,8 @@ from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, mes
 COVER_MM = 7.0
 """Least skin and fat over the muscle, mm."""
 
-FAT_IN_MUSCLE = 0.08
-"""Share of fat between the muscle's bundles."""
+FAT_IN_MUSCLE = 0.107
+"""Share of fat between and within the muscle's bundles, as their walls and streaks make it."""
 
 BUNDLE_MM, BUNDLE_LENGTH = 8.0, 5.0
 """Width of the muscle's bundles, mm, and their length against it. Chosen by eye."""
