@@ -80,11 +80,11 @@ mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 1999, Proc SPIE 
 NOISE_LIMIT = 1.5
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
-FINE_AMPLITUDE, FINE_LIMIT = 0.26, 2.6
+FINE_AMPLITUDE, FINE_LIMIT = 0.38, 2.6
 """Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
 deviations. Chosen by eye."""
 
-GLAND_CAP = 0.40
+GLAND_CAP = 0.54
 """The potential above the threshold counts for no more: holes of fat, a tenth of the volume, stay
 within compact gland. Chosen by eye."""
 
