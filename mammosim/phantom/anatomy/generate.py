@@ -84,8 +84,8 @@ FINE_AMPLITUDE, FINE_LIMIT = 0.38, 2.6
 """Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
 deviations. Chosen by eye."""
 
-GLAND_CAP = 0.54
-"""The potential above the threshold counts for no more: holes of fat, a tenth of the volume, stay
+GLAND_CAP = 0.42
+"""The potential above the threshold counts for no more: holes of fat, an eighth of the volume, stay
 within compact gland. Chosen by eye."""
 
 MUSCLE_STREAKS = 1.5
