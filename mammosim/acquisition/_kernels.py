@@ -14,7 +14,7 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 # Grey beyond which the sum of base and detail is bent, so that it stays within 0 and 1.
-FINAL_TOE, FINAL_SHOULDER = 0.06, 0.85
+FINAL_SHOULDER = 0.85
 
 # Details keep at least this part of their contrast where the base lies on the toe or shoulder.
 MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.7, 0.4
@@ -257,8 +257,8 @@ def present_kernel(
 
     `missing` and `base` are coarse and interpolated linearly. Detail is added to the base, weak
     detail times the gain, and raised where the curve is flat; the curve's toe shows the sum, and on
-    its shoulder detail keeps a part of its contrast. The sum is bent at black and white once more,
-    so that nothing is clipped.
+    its shoulder detail keeps a part of its contrast. The sum is bent at white once more, so that
+    nothing is clipped.
     """
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
     rows, columns = attenuation.shape
@@ -286,5 +286,5 @@ def present_kernel(
             kept = max(MIN_TOE_SLOPE / on_toe, 1.0) - 1.0
             raised = straight + slope * (detail + more + kept * curve.gain * weak)
             shown += on_shoulder * (_on_toe(raised, curve.toe) - _on_toe(straight, curve.toe))
-            shown = _bent(shown, FINAL_TOE, FINAL_SHOULDER, 1.0)
+            shown = _bent(max(shown, 0.0), 0.0, FINAL_SHOULDER, 1.0)
             out_pixels[row, column] = int(shown * maximum + 0.5)
