@@ -152,7 +152,8 @@ def _print_summary(study: Study, folder: Path) -> None:
                 f"{view.mammogram.kvp:g} kV {view.mammogram.target}/{view.mammogram.filter}, "
                 f"{taken.mas:.0f} mAs, {taken.dose_mgy:.2f} mGy"
             )
-    say(f"results in {folder}; open {folder / 'report.html'}")
+    page = folder / "report.html"
+    say(f"results in {folder}" + (f"; open {page}" if page.exists() else ""))
 
 
 @app.command()
