@@ -16,6 +16,9 @@ F64 = NDArray[np.float64]
 # Grey beyond which the sum of base and detail is bent, so that it stays within 0 and 1.
 FINAL_SHOULDER = 0.85
 
+# Air fades to black from this far below fat on the straight scale of grey, over this much of it.
+AIR_BELOW_FAT, AIR_FADE = 0.4, 0.1
+
 # Details keep at least this part of their contrast where the base lies on the toe or shoulder.
 MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.7, 0.4
 
@@ -287,4 +290,7 @@ def present_kernel(
             raised = straight + slope * (detail + more + kept * curve.gain * weak)
             shown += on_shoulder * (_on_toe(raised, curve.toe) - _on_toe(straight, curve.toe))
             shown = _bent(max(shown, 0.0), 0.0, FINAL_SHOULDER, 1.0)
+            below = raised - curve.fat_grey + AIR_BELOW_FAT
+            if below < 0.0:
+                shown *= exp(below / AIR_FADE)
             out_pixels[row, column] = int(shown * maximum + 0.5)
