@@ -169,7 +169,7 @@ BAD = [
     ),
     ({"acquisition": {"kvp": 90}}, r"kvp: found 90"),
     ({"projection": {"pixel_mm": 0}}, r"projection.pixel_mm: found 0"),
-    ({"projection": {"detector_mm": [20, 20]}}, r"detector"),
+    ({"projection": {"detector_mm": [0, 20]}}, r"detector"),
     ({"laterality": "left"}, r"laterality: found 'left', expected L, R, or both as \[R, L\]"),
     ({"seed": -1}, r"seed: found -1"),
 ]  # fmt: skip

@@ -1,5 +1,7 @@
 """Detector field, channels, orientation, density, and every error of the projection room."""
 
+import re
+
 import numpy as np
 import pytest
 from naive.projection import inverse_map, phantom, squeezed, unsqueezed
@@ -185,13 +187,29 @@ def test_compressed_labels_keep_volume_place_and_affordable_size(monkeypatch):
     assert 2500 < fewer.size <= 5000
 
 
-def test_shadow_too_large_says_by_how_much():
-    with pytest.raises(InputError, match=r"at least 3\d\d\.\d x \d+\.\d.* mm too high"):
-        project(unsqueezed(block((40, 320, 30))))
-    with pytest.raises(
-        InputError, match=r"found 100 x 20 .*0\.0 mm too high and 2\d\.\d mm too wide"
-    ):
-        project(unsqueezed(block()), detector_mm=[100.0, 20.0])
+def test_a_breast_larger_than_the_detector_is_cut_off_there_and_says_by_how_much():
+    """What remains is the part, centred on the breast, of the picture on a larger detector."""
+    breast = unsqueezed(block((40, 90, 30), centre_y_mm=10.0))
+    whole = project(breast, pixel_mm=1.0, detector_mm=[120.0, 60.0])
+    cut = project(breast, pixel_mm=1.0, detector_mm=[60.0, 20.0])
+    assert whole.notes == ()
+    (note,) = cut.notes
+    # 90 and 40 mm and up to a cell of 2 mm at each end, magnified 650/605 at the top.
+    height, width = (float(size) for size in re.findall(r"shadow is (.*) x (.*) mm \(", note)[0])
+    assert 96.6 < height < 101.1
+    assert 42.9 < width < 47.3
+    assert f"{height - 60.0:.1f} mm of its height and {width - 20.0:.1f} mm of its width" in note
+    gantry = cut.gantry
+    assert (gantry.rows, gantry.columns) == (60, 20)
+    assert 0.5 * (gantry.y_min_mm + gantry.y_max_mm) == pytest.approx(10.0, abs=1.5)
+    first = round(whole.gantry.y_max_mm - gantry.y_max_mm)
+    part = whole.length_mm[:, first : first + 60, :20]
+    np.testing.assert_allclose(cut.length_mm, part, atol=1e-4)
+
+
+def test_a_field_that_the_focal_spot_is_not_above_is_refused():
+    with pytest.raises(InputError, match=r"focal_spot_y_mm: found 5000, expected .* above the det"):
+        project(unsqueezed(block()), pixel_mm=1.0, focal_spot_y_mm=5000.0)
 
 
 def test_edge_in_front_of_the_breast_is_refused():

@@ -49,7 +49,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     "bad",
     [
         {"acquisition": {"composition": "misspelt.yaml"}},
-        {"projection": {"pixel_mm": 1.0, "detector_mm": [240, 180], "detector_edge_mm": -150}},
+        {"projection": {"pixel_mm": 1.0, "detector_mm": [240, 180], "focal_spot_y_mm": 5000}},
         {"compression": {"resolution_mm": 6.0, "thickness_mm": 400}},
     ],
 )

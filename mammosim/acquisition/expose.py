@@ -180,7 +180,7 @@ def mammogram_of(
             **_dose(dose),
             "counts_per_kev": counts_per_kev,
         },
-        notes=(*arrival.scatter.notes, *factors.notes),
+        notes=(*paths.notes, *arrival.scatter.notes, *factors.notes),
         detector=settings.detector,
         focal_spot_mm=settings.focal_spot_mm,
         automatic_exposure=settings.mas is None,

@@ -6,7 +6,6 @@ from mammosim.projection.coarse_copy import CoarseBreast, coarse_breast
 from mammosim.projection.detector_field import STANDARD_FORMATS_MM, Shadow, cast_shadow
 from mammosim.projection.feasible import (
     check_arc,
-    check_field,
     check_memory,
     check_shadow,
     installed_memory,
@@ -31,7 +30,6 @@ __all__ = [
     "cast_shadow",
     "channels_of",
     "check_arc",
-    "check_field",
     "check_memory",
     "check_shadow",
     "coarse_breast",

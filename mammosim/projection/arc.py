@@ -9,7 +9,7 @@ from mammosim.compression import CompressedBreast
 from mammosim.config import documents_keys, given_settings, to_settings
 from mammosim.geometry import Gantry
 from mammosim.projection.channels import Channels, channels_of
-from mammosim.projection.detector_field import place_detector
+from mammosim.projection.detector_field import cut_off_note, place_detector
 from mammosim.projection.feasible import check_arc, check_memory
 from mammosim.projection.keys import ProjectionKeys, TomosynthesisKeys
 from mammosim.projection.paths import PathLengths
@@ -31,6 +31,8 @@ class Arc:
     gantries : tuple of Gantry
         One a projection, with one detector.
     settings : TomosynthesisSettings
+    notes : tuple of str
+        Warnings, one sentence each.
     """
 
     squeezed: CompressedBreast
@@ -39,6 +41,7 @@ class Arc:
     _mapped: VoxelMap
     _channels: Channels
     _settings: ProjectionSettings
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.gantries)
@@ -56,6 +59,7 @@ class Arc:
             self._mapped,
             self._channels,
             self._settings,
+            self.notes,
         )
 
 
@@ -104,4 +108,6 @@ def project_arc(
     shape = upright.rows, upright.columns
     check_memory(settings, shape, len(channels), sweep.projections)
     gantries = tuple(replace(upright, tube_angle_deg=angle) for angle in sweep.angles_deg)
-    return Arc(squeezed, gantries, sweep, mapped, channels, settings)
+    note = cut_off_note(squeezed, mapped, settings, sweep)
+    notes = (note,) if note else ()
+    return Arc(squeezed, gantries, sweep, mapped, channels, settings, notes)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NoReturn
 
 import numpy as np
 
@@ -52,7 +51,9 @@ def place_detector(
 
     The rows are centred on the focal spot; where the shadow does not fit centred, the field is
     shifted along the chest wall by whole pixels, no more than needed. Where the phantom ends but
-    the body goes on, as to the axilla in an oblique view, the field ends too.
+    the body goes on, as to the axilla in an oblique view, the field ends too. A shadow that no
+    allowed format holds is cut off at the largest one, as on a real unit: the field is centred on
+    it along the chest wall.
 
     Parameters
     ----------
@@ -72,27 +73,55 @@ def place_detector(
     Raises
     ------
     InputError
-        If the breast lies wholly behind the detector's edge, reaches up to the focal spot, or
-        throws a shadow that no allowed format holds; the message says by how much.
+        If the breast lies wholly behind the detector's edge, reaches up to the focal spot, or is
+        cut off by a field that does not lie below the focal spot.
 
     Notes
     -----
     The shadow is that of the inverse map's cells that hold tissue: up to one cell wider than the
     tissue's own. What lies behind the detector's edge does not count.
     """
-    gantry, corners = _tissue_over(squeezed, mapped, settings, arc)
-    shadow = _shadow(corners, gantry, arc.angles_deg if arc else (0.0,))
-    if arc and not fitting_format(shadow, settings):
-        shadow = _shadow(corners, gantry, (0.0,))
-    end = open_end_mm(squeezed, gantry)
+    gantry, shadow, end = _shadow_and_end(squeezed, mapped, settings, arc)
+    spot_y, pixel_mm = gantry.focal_spot_y_mm, settings.pixel_mm
+    height, width = fitting_format(shadow, settings) or formats_mm(settings)[-1]
+    rows, columns = pixels_of(height, pixel_mm), pixels_of(width, pixel_mm)
     if end is not None:
-        shadow = _up_to(shadow, *end)
-    height, width = fitting_format(shadow, settings) or refuse_format(shadow, settings)
-    rows, columns = pixels_of(height, settings.pixel_mm), pixels_of(width, settings.pixel_mm)
-    y_min = _lower_edge(shadow, gantry.focal_spot_y_mm, rows, settings.pixel_mm)
-    if end is not None:
-        y_min = _edge_at(*end, gantry.focal_spot_y_mm, rows, settings.pixel_mm)
-    return replace(gantry, rows=rows, columns=columns, y_min_mm=y_min)
+        y_min = _edge_at(*end, spot_y, rows, pixel_mm)
+    elif shadow.height_mm > height:
+        middle = 0.5 * (shadow.y_min_mm + shadow.y_max_mm)
+        y_min = spot_y - 0.5 * rows * pixel_mm + round((middle - spot_y) / pixel_mm) * pixel_mm
+    else:
+        y_min = _lower_edge(shadow, spot_y, rows, pixel_mm)
+    placed = replace(gantry, rows=rows, columns=columns, y_min_mm=y_min)
+    if shadow.height_mm > height and not y_min <= spot_y <= placed.y_max_mm:
+        raise InputError(
+            f"projection.focal_spot_y_mm: found {spot_y:g}, expected {y_min:.1f} to "
+            f"{placed.y_max_mm:.1f}: the focal spot must be above the detector's field"
+        )
+    return placed
+
+
+def cut_off_note(
+    squeezed: CompressedBreast,
+    mapped: VoxelMap,
+    settings: ProjectionSettings,
+    arc: TomosynthesisSettings | None = None,
+) -> str | None:
+    """What of the breast's shadow the detector does not hold, in words; None where it holds all.
+
+    The parameters are those of `place_detector`.
+    """
+    _, shadow, _ = _shadow_and_end(squeezed, mapped, settings, arc)
+    if fitting_format(shadow, settings) is not None:
+        return None
+    height, width = formats_mm(settings)[-1]
+    return (
+        f"{squeezed.view.folder}: the breast is cut off at the detector's edge: its shadow is "
+        f"{shadow.height_mm:.1f} x {shadow.width_mm:.1f} mm (along the chest wall x from it), "
+        f"projection.detector_mm is {height:g} x {width:g}; "
+        f"{max(shadow.height_mm - height, 0.0):.1f} mm of its height and "
+        f"{max(shadow.width_mm - width, 0.0):.1f} mm of its width are not in the picture"
+    )
 
 
 def cast_shadow(
@@ -107,6 +136,23 @@ def cast_shadow(
     """
     gantry, corners = _tissue_over(squeezed, voxel_map(squeezed), settings, arc)
     return _shadow(corners, gantry, arc.angles_deg)
+
+
+def _shadow_and_end(
+    squeezed: CompressedBreast,
+    mapped: VoxelMap,
+    settings: ProjectionSettings,
+    arc: TomosynthesisSettings | None,
+) -> tuple[Gantry, Shadow, tuple[float, float] | None]:
+    """A gantry without a detector's size, the shadow to hold, and where the body goes on."""
+    gantry, corners = _tissue_over(squeezed, mapped, settings, arc)
+    shadow = _shadow(corners, gantry, arc.angles_deg if arc else (0.0,))
+    if arc and not fitting_format(shadow, settings):
+        shadow = _shadow(corners, gantry, (0.0,))
+    end = open_end_mm(squeezed, gantry)
+    if end is not None:
+        shadow = _up_to(shadow, *end)
+    return gantry, shadow, end
 
 
 def _tissue_over(
@@ -198,17 +244,6 @@ def fitting_format(shadow: Shadow, settings: ProjectionSettings) -> tuple[float,
         if shadow.height_mm <= height and shadow.width_mm <= width:
             return height, width
     return None
-
-
-def refuse_format(shadow: Shadow, settings: ProjectionSettings) -> NoReturn:
-    """Say by how much the largest allowed format is too small."""
-    height, width = formats_mm(settings)[-1]
-    raise InputError(
-        f"projection.detector_mm: found {height:g} x {width:g} (height along the chest wall x "
-        f"width), expected at least {shadow.height_mm:.1f} x {shadow.width_mm:.1f}: the breast's "
-        f"shadow is {max(shadow.height_mm - height, 0.0):.1f} mm too high and "
-        f"{max(shadow.width_mm - width, 0.0):.1f} mm too wide"
-    )
 
 
 def _lower_edge(shadow: Shadow, centre_mm: float, rows: int, pixel_mm: float) -> float:

@@ -43,6 +43,8 @@ class PathLengths:
     breast : CompressedBreast or None
         What was projected, for scatter models that trace photons through voxels; None in path
         lengths that were loaded from a file.
+    notes : tuple of str
+        Warnings, one sentence each.
     """
 
     tissues: tuple[str, ...]
@@ -55,6 +57,7 @@ class PathLengths:
     force_n: float
     clipped_fraction: float
     breast: CompressedBreast | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def pixel_mm(self) -> float:

@@ -12,7 +12,7 @@ from mammosim.compression import CompressedBreast
 from mammosim.config import documents_keys, given_settings
 from mammosim.geometry import Gantry
 from mammosim.projection.channels import Channels, channels_of, host_channel
-from mammosim.projection.detector_field import place_detector
+from mammosim.projection.detector_field import cut_off_note, place_detector
 from mammosim.projection.feasible import check_memory
 from mammosim.projection.keys import ProjectionKeys
 from mammosim.projection.paths import PathLengths
@@ -47,8 +47,8 @@ def project(
     Raises
     ------
     InputError
-        If a key is unknown or its value not allowed, the breast's shadow does not fit on the
-        detector, or the image does not fit in memory.
+        If a key is unknown or its value not allowed, no part of the breast is on the detector, or
+        the image does not fit in memory.
 
     Notes
     -----
@@ -67,7 +67,8 @@ def project(
     gantry = place_detector(squeezed, mapped, settings)
     channels = channels_of(squeezed.phantom)
     check_memory(settings, (gantry.rows, gantry.columns), len(channels))
-    return trace_onto(gantry, squeezed, mapped, channels, settings)
+    note = cut_off_note(squeezed, mapped, settings)
+    return trace_onto(gantry, squeezed, mapped, channels, settings, (note,) if note else ())
 
 
 def trace_onto(
@@ -76,6 +77,7 @@ def trace_onto(
     mapped: VoxelMap,
     channels: Channels,
     settings: ProjectionSettings,
+    notes: tuple[str, ...] = (),
 ) -> PathLengths:
     """Path lengths onto one gantry's detector; its focal spot may be anywhere above the breast."""
     conserve_mass = settings.conserve_mass
@@ -101,6 +103,7 @@ def trace_onto(
         force_n=squeezed.force_n,
         clipped_fraction=mapped.clipped_fraction if conserve_mass else 0.0,
         breast=squeezed,
+        notes=notes,
     )
 
 

@@ -12,7 +12,6 @@ from mammosim.pipeline.configuration.load_config import (
 from mammosim.pipeline.configuration.preflight import (
     check_before,
     check_compression,
-    check_detectors,
     check_settings,
 )
 from mammosim.pipeline.configuration.resolved_view import BiopsyPosition, ResolvedView
@@ -37,7 +36,6 @@ __all__ = [
     "apply_change",
     "check_before",
     "check_compression",
-    "check_detectors",
     "check_memory_limit",
     "check_settings",
     "config_of",

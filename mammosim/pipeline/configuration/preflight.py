@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from mammosim.acquisition import check_acquisition
@@ -14,8 +12,6 @@ from mammosim.compression import (
     check_plates,
     compress,
     held_before,
-    held_tissue,
-    plate_edge_mm,
 )
 from mammosim.errors import InputError, NotConverged
 from mammosim.phantom import BreastPhantom, PhantomSettings, box_text, check_shapes, make_phantom
@@ -24,17 +20,15 @@ from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.projection import (
     cast_shadow,
     check_arc,
-    check_field,
     check_memory,
     check_shadow,
 )
 from mammosim.reconstruction import check_reconstruction, load_rtk
 
-UNSURE = 1.05
-"""Error of a shadow from a coarse lattice: what exceeds the detector by less is left to the run."""
-
 SHADOW_LATTICE_MM = 3.0
 """Spacing of that lattice, mm, unless the run's own is coarser."""
+
+_BY_ESTIMATE = "by an estimate on a coarse lattice"
 
 COARSE_VOXEL_MM = 4.0
 """Voxel of a generated breast whose outline alone is wanted, mm: it takes a second."""
@@ -58,8 +52,7 @@ def check_before(config: RunConfig) -> tuple[str, ...]:
     for one in config.sides:
         breast, slack_mm = _outlined_phantom(one)
         check_compression(one, breast, slack_mm)
-        check_detectors(one, breast)
-        _check_shadows(one, breast)
+        found += _check_shadows(one, breast)
         found += breast.notes if one.phantom.generate is None else ()
         for view in one.resolved_views:
             compresses = MODELS[view.compression.model].compresses
@@ -108,30 +101,6 @@ def _check_series(view: ResolvedView) -> None:
         load_rtk()
 
 
-def check_detectors(config: RunConfig, breast: BreastPhantom) -> None:
-    """Refuse detectors that cannot hold a breast, before it is compressed.
-
-    Raises
-    ------
-    InputError
-        With one line a view that does not fit, saying by how much at least.
-    """
-    problems: list[str] = []
-    for view in config.resolved_views:
-        projection, edge_mm = view.projection, view.projection.detector_edge_mm
-        if edge_mm is None:
-            edge_mm = plate_edge_mm(view.compression, *held_tissue(view.compression, breast))
-        position = replace(
-            view.position(breast.laterality), in_compression_frame=breast.compressed is not None
-        )
-        try:
-            check_field(breast, position, edge_mm, projection)
-        except InputError as error:
-            problems += [f"{view.label}: {line}" for line in error.problems]
-    if problems:
-        raise InputError(problems)
-
-
 def check_compression(config: RunConfig, breast: BreastPhantom, slack_mm: float = 0.0) -> None:
     """Refuse views that cannot be compressed as they are asked for, before any is.
 
@@ -165,42 +134,43 @@ def check_compression(config: RunConfig, breast: BreastPhantom, slack_mm: float 
         raise InputError(dict.fromkeys(problems))
 
 
-def _check_shadows(config: RunConfig, breast: BreastPhantom) -> None:
-    """Refuse focal spots and detectors that the compressed breast certainly does not fit.
+def _check_shadows(config: RunConfig, breast: BreastPhantom) -> list[str]:
+    """Refuse focal spots and detectors that certainly leave no breast in the picture.
 
-    The breast is compressed on a coarse lattice of springs, in about a second.
+    The breast is compressed on a coarse lattice of springs, in about a second. Returns what will be
+    cut off, one sentence a view.
     """
     problems: list[str] = []
+    notes: list[str] = []
     for view in config.resolved_views:
-        problems += _shadow_problems(breast, view)
+        compressed = _coarsely_compressed(breast, view)
+        if compressed is None:
+            continue  # the run itself says it better
+        try:
+            found = check_shadow(compressed, view.projection, view.tomosynthesis)
+            _check_volume(compressed, view)
+        except InputError as error:
+            problems.append(f"{view.label}: {' '.join(error.problems)}, {_BY_ESTIMATE}")
+        else:
+            notes += [f"{note}, {_BY_ESTIMATE}" for note in found]
     if problems:
         raise InputError(problems)
+    return notes
 
 
-def _shadow_problems(breast: BreastPhantom, view: ResolvedView) -> list[str]:
-    settings, projection = view.compression, view.projection
-    compresses = MODELS[settings.model].compresses
+def _coarsely_compressed(breast: BreastPhantom, view: ResolvedView) -> CompressedBreast | None:
+    settings = view.compression
     keys = {"thickness_mm", "support_z_mm", "paddle_z_mm", "plate_edge_mm", "mlo_angle_deg"}
     coarse = CompressionSettings(
         **settings.model_dump(include=keys),
         model="springs",
         resolution_mm=max(settings.resolution_mm, SHADOW_LATTICE_MM),
     )
-    own = settings.model == coarse.model and settings.resolution_mm >= SHADOW_LATTICE_MM
-    own = own or not compresses
+    held = coarse if MODELS[settings.model].compresses else settings
     try:
-        compressed = compress(
-            breast, view.position(breast.laterality), coarse if compresses else settings
-        )
+        return compress(breast, view.position(breast.laterality), held)
     except (InputError, NotConverged):
-        return []  # the run itself says it better
-    try:
-        check_shadow(compressed, projection, 1.0 if own else UNSURE, view.tomosynthesis)
-        _check_volume(compressed, view)
-    except InputError as error:
-        said = " ".join(error.problems)
-        return [f"{view.label}: {said}, by an estimate on a coarse lattice"]
-    return []
+        return None
 
 
 def _check_volume(compressed: CompressedBreast, view: ResolvedView) -> None:

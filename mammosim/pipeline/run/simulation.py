@@ -16,7 +16,6 @@ from mammosim.pipeline.configuration import (
     RunConfig,
     RunKeys,
     check_compression,
-    check_detectors,
     check_settings,
     given_config,
 )
@@ -100,7 +99,6 @@ def _make_breast(config: RunConfig, observer: RunObserver) -> BreastPhantom:
         config.phantom, config.first_side, config.seed, breast_number=config.breast_number
     )
     check_compression(config, breast)
-    check_detectors(config, breast)
     return breast
 
 
