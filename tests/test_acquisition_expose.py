@@ -278,3 +278,30 @@ def test_the_dose_limit_is_the_guidelines():
     assert dose_limit_mgy(45.0) == 2.0
     assert dose_limit_mgy(10.0) == 1.0
     assert dose_limit_mgy(150.0) == 6.5
+
+
+def test_realisations_differ_by_their_noise_alone():
+    """Four draws over a plain field: the first is the picture itself, their mean is the signal."""
+    paths = phantom()
+    draws, plain = {}, {"scatter": False, "noise_seed": 5}
+    image = expose(paths, realisations=4, watch=draws.__setitem__, **plain)
+    assert list(draws) == [1, 2, 3, 4]
+    assert draws[1] is image
+    again = expose(paths, **plain)
+    np.testing.assert_array_equal(image.for_processing, again.for_processing)
+    clean = expose(paths, scatter=False, noise=False).for_processing.astype(float)
+    inside = clean < np.median(clean)
+    noise = [draw.for_processing.astype(float) - clean for draw in draws.values()]
+    pairs = np.corrcoef([part[inside] for part in noise])
+    # The detector's fixed pattern is the same in all draws; all else is drawn anew.
+    fixed = find_detector("a-Se-70").structure_noise * clean[inside]
+    share = np.mean(fixed**2) / np.mean([part[inside] ** 2 for part in noise])
+    assert pairs[~np.eye(4, dtype=bool)] == pytest.approx(np.full(12, share), abs=0.02)
+
+
+def test_a_noise_seed_changes_the_noise_and_nothing_else():
+    paths = phantom()
+    one, other = (expose(paths, scatter=False, noise_seed=seed) for seed in (1, 2))
+    assert (one.for_processing != other.for_processing).any()
+    assert one.measures == other.measures
+    assert (one.mas, one.dose_mgy) == (other.mas, other.dose_mgy)

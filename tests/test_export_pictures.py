@@ -15,6 +15,7 @@ from PIL import Image
 from mammosim.errors import InputError
 from mammosim.export import (
     write_density_tiff,
+    write_full_picture,
     write_glandular_tiff,
     write_lesion_lengths_tiff,
     write_mammogram_tiff,
@@ -56,6 +57,18 @@ def test_the_preview_is_the_picture_through_its_window(tmp_path):
         np.testing.assert_array_equal(np.asarray(image), expected)
         # pHYs counts whole pixels a metre: 2000 here.
         assert image.info["dpi"][0] == pytest.approx(25.4 / 0.5, rel=1e-3)
+
+
+def test_the_full_picture_has_16_bits_and_every_pixel(tmp_path):
+    write_full_picture(MAMMOGRAM, tmp_path / "for_presentation.png")
+    with Image.open(tmp_path / "for_presentation.png") as image:
+        grey = np.asarray(image)
+        assert image.info["dpi"][0] == pytest.approx(25.4 / 0.5, rel=1e-3)
+    assert grey.dtype == np.uint16
+    assert grey.shape == MAMMOGRAM.for_presentation.shape
+    assert (grey.min(), grey.max()) == (0, 65535)
+    eight = through_window(MAMMOGRAM.for_presentation, 2200.0, 2400.0)
+    np.testing.assert_allclose(grey / 257.0, eight, atol=0.501)  # to half a level of 8 bits
 
 
 def test_a_large_preview_is_halved_and_says_so(tmp_path):

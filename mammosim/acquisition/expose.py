@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Unpack
 
@@ -44,6 +45,7 @@ def expose(
     seed: int = 1,
     breast: CompressedBreast | None = None,
     dose_map: bool = False,
+    watch: Callable[[int, Mammogram], None] | None = None,
     **keys: Unpack[AcquisitionKeys],
 ) -> Mammogram:
     """Expose a compressed breast and record its mammogram.
@@ -61,6 +63,9 @@ def expose(
         which `project` sets and loaded path lengths do not have.
     dose_map : bool
         Whether the dose of every voxel of the breast's coarse copy is kept (monte-carlo only).
+    watch : callable, optional
+        Called with number, from 1, and mammogram of each of several `realisations`; without it
+        only the first, which is returned, is made.
     **keys
         Keys of `AcquisitionSettings`: ``target``, ``kvp``, ``mas``, ...
 
@@ -84,10 +89,39 @@ def expose(
     """
     settings = given_settings(AcquisitionSettings, settings, keys, "expose()", ("acquisition",))
     arrival = arrive(paths, settings, breast, seed=seed, dose_map=dose_map, keep_primary=True)
+    draws = 1 if watch is None or settings.realisations is None else settings.realisations
+    kept = _again(arrival) if draws > 1 else arrival
+    image = _recorded(arrival, seed, breast)
+    if watch is not None and draws > 1:
+        watch(1, image)
+        for number in range(2, draws + 1):
+            watch(number, _recorded(_again(kept), seed, breast, number))
+    return image
+
+
+def _again(arrival: Arrival) -> Arrival:
+    """The same arrival with images of its own, without the primary by itself."""
+    copied = (arrival.signal.copy(), arrival.square.copy())
+    return replace(arrival, signal=copied[0], square=copied[1], primary=None)
+
+
+def noise_stream(settings: AcquisitionSettings, seed: int, number: int = 1) -> np.random.Philox:
+    """Where the noise of one draw comes from."""
+    own = settings.noise_seed
+    if number > 1:
+        return np.random.Philox([seed, own or 0, number])
+    return np.random.Philox(seed if own is None else [seed, own])
+
+
+def _recorded(
+    arrival: Arrival, seed: int, breast: CompressedBreast | None, number: int = 1
+) -> Mammogram:
+    """One exposure of what arrives, whose images are overwritten."""
+    settings = arrival.settings
+    rng = np.random.Generator(noise_stream(settings, seed, number))
     wanted_mas = arrival.wanted_mas  # recording overwrites the signal that tells it
-    rng = np.random.Generator(np.random.Philox(seed))
     signal, exposure = record(arrival, arrival.controlled_mas(), rng)
-    pixel_mm2 = paths.pixel_mm**2
+    pixel_mm2 = arrival.paths.pixel_mm**2
     gain = counts_per_kev_mm2(exposure.air_signal / pixel_mm2) / pixel_mm2
     attenuation = None
     if settings.contrast is not None:
@@ -116,7 +150,7 @@ def _contrast_pair(
     dose, factors = dose_of(high, 1.0)
     mas = high_energy_mas(agent, image.dose_mgy, dose.mgd_mgy)
     high = replace(high, settings=high_energy_settings(low.settings, agent, mas))
-    rng = np.random.Generator(np.random.Philox(seed).jumped())
+    rng = np.random.Generator(noise_stream(low.settings, seed).jumped())
     signal, exposure = record(high, mas, rng)
     pixel_mm2 = low.paths.pixel_mm**2
     gain = counts_per_kev_mm2(exposure.air_signal / pixel_mm2) / pixel_mm2

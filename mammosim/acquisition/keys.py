@@ -126,3 +126,10 @@ class AcquisitionKeys(TypedDict, total=False):
 
     noise: bool
     """Whether quantum, electronic and fixed-pattern noise are added. Default: True."""
+
+    noise_seed: int | None
+    """Seed of the noise alone, for another exposure of the same breast; left out, it follows from
+    the run's seed."""
+
+    realisations: int | None
+    """Draws of the noise of one exposure, each written as `..._001` and so on; left out, one."""

@@ -210,6 +210,13 @@ class AcquisitionSettings(Settings):
     noise: bool = True
     """Whether quantum, electronic and fixed-pattern noise are added."""
 
+    noise_seed: int | None = Field(default=None, ge=0, le=2**63 - 1)
+    """Seed of the noise alone, for another exposure of the same breast; left out, it follows from
+    the run's seed."""
+
+    realisations: int | None = Field(default=None, ge=1, le=999)
+    """Draws of the noise of one exposure, each written as `..._001` and so on; left out, one."""
+
     @property
     def scatter_model(self) -> str:
         """Name of the scatter model, of `SCATTER_MODELS`."""

@@ -15,6 +15,7 @@ from mammosim.export.patient_settings import PatientSettings, age_problems
 from mammosim.export.phantom_files import write_phantom
 from mammosim.export.pictures import (
     write_density_tiff,
+    write_full_picture,
     write_glandular_tiff,
     write_lesion_lengths_tiff,
     write_lesion_tiff,
@@ -41,7 +42,7 @@ from mammosim.export.tables import (
     write_table,
 )
 from mammosim.export.victre import write_victre
-from mammosim.export.view import write_compressed, write_images
+from mammosim.export.view import write_compressed, write_draw, write_images
 from mammosim.export.volumes import (
     read_compressed_labels,
     read_displacement,
@@ -83,6 +84,8 @@ __all__ = [
     "write_density_tiff",
     "write_dicom",
     "write_displacement",
+    "write_draw",
+    "write_full_picture",
     "write_geometry",
     "write_glandular_tiff",
     "write_images",

@@ -88,7 +88,7 @@ def contrast_datasets(
     for name, series, intent, technique, own, pixels in objects:
         filled = (
             modules.identification(study, settings, series, view),
-            modules.image(study, intent, view, mammogram.implant),
+            modules.image(study, intent, mammogram),
             modules.detector(technique),
             modules.positioning(technique),
             modules.technique(technique),

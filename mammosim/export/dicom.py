@@ -28,6 +28,7 @@ def write_dicom(
     path: str | PathLike[str],
     study: StudyIdentity,
     settings: ExportSettings,
+    draw: int = 1,
 ) -> None:
     """Write one Digital Mammography X-Ray Image object.
 
@@ -39,19 +40,25 @@ def write_dicom(
     path : path
     study : StudyIdentity
     settings : ExportSettings
+    draw : int
+        Number of the noise's draw, from 1; all are in one series.
 
     Raises
     ------
     InputError
         If the file cannot be written.
     """
-    dataset = mammogram_dataset(mammogram, intent, study, settings)
+    dataset = mammogram_dataset(mammogram, intent, study, settings, draw)
     with whole_file(path) as part:
         dataset.save_as(part, enforce_file_format=True)
 
 
 def mammogram_dataset(
-    mammogram: Mammogram, intent: Intent, study: StudyIdentity, settings: ExportSettings
+    mammogram: Mammogram,
+    intent: Intent,
+    study: StudyIdentity,
+    settings: ExportSettings,
+    draw: int = 1,
 ) -> Dataset:
     """Make one Digital Mammography X-Ray Image object; the parameters are `write_dicom`'s.
 
@@ -64,18 +71,20 @@ def mammogram_dataset(
     enhanced = {} if mammogram.contrast is None else contrast_agent("LOW_ENERGY", raw)
     filled = (
         modules.identification(study, settings, intent, view),
-        modules.image(study, intent, view, mammogram.implant),
+        modules.image(study, intent, mammogram, draw),
         modules.detector(mammogram),
         modules.positioning(mammogram),
         modules.technique(mammogram),
-        modules.processing() if raw else modules.presentation(mammogram, study),
+        modules.processing() if raw else modules.presentation(mammogram, study, draw),
         modules.pixel_data(
             mammogram.for_processing if raw else mammogram.for_presentation,
             modules.BITS_STORED[intent],
         ),
         enhanced,
     )
-    return image_dataset(filled, intent, study.uid("image", view.folder, intent))
+    dataset = image_dataset(filled, intent, modules.image_uid(study, view, intent, draw))
+    dataset.InstanceNumber = draw
+    return dataset
 
 
 def image_dataset(filled: Iterable[Mapping[str, Any]], intent: Intent, uid: str) -> Dataset:

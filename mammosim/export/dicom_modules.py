@@ -60,6 +60,14 @@ DERIVATION = (
 # Defined Terms of Detector Type (0018,7004) by converter.
 _DETECTOR_TYPE = {"Se": "DIRECT", "CsI": "SCINTILLATOR"}
 
+# Codes of PS3.16 CID 4015 "View Modifier for Mammography": value and meaning in SNOMED CT.
+_MAGNIFICATION = ("399163009", "Magnification")
+_SPOT_COMPRESSION = ("399055006", "Spot Compression")
+
+MAGNIFIED = 1.3
+"""Magnification from which a view is a magnified one: contact views have 1.02 to 1.1, stands of
+clinical units 1.5 to 2. Between them, assumed."""
+
 # Of mammography tubes with their large focal spot; it only divides the tube load into a current
 # and a time. Assumed.
 TUBE_CURRENT_MA = 100.0
@@ -171,13 +179,26 @@ def identification(
     }
 
 
+def image_uid(study: StudyIdentity, view: View, intent: Intent, draw: int = 1) -> str:
+    """SOP Instance UID of one picture of a view."""
+    return study.uid("image", view.folder, intent, *_further(draw))
+
+
+def _further(draw: int) -> tuple[str, ...]:
+    """What tells a further draw of the noise from the first."""
+    return () if draw == 1 else (f"{draw:03d}",)
+
+
 def image(
-    study: StudyIdentity, intent: Intent, view: View, implant: bool = False
+    study: StudyIdentity, intent: Intent, mammogram: Mammogram, draw: int = 1
 ) -> dict[str, Any]:
-    """General Image, DX Series, DX Anatomy Imaged and the view."""
+    """General Image, DX Series, DX Anatomy Imaged and the view with its modifiers."""
+    view = mammogram.gantry.view
     value, meaning = VIEW_CODES[view.name]
     view_item = code_item(value, "SCT", meaning)
-    view_item.ViewModifierCodeSequence = Sequence()
+    view_item.ViewModifierCodeSequence = Sequence(
+        [code_item(code, "SCT", meaning) for code, meaning in view_modifiers(mammogram)]
+    )
     return {
         "Modality": "MG",
         "PresentationIntentType": f"FOR {intent.upper()}",
@@ -191,15 +212,20 @@ def image(
         "AnatomicRegionSequence": Sequence([code_item("76752008", "SCT", "Breast")]),
         "ViewCodeSequence": Sequence([view_item]),
         "ViewPosition": view.name,  # not needed beside the code, but what many tools read
-        "BreastImplantPresent": "YES" if implant else "NO",
+        "BreastImplantPresent": "YES" if mammogram.implant else "NO",
         "PartialView": "NO",
         "BurnedInAnnotation": "NO",
         "LossyImageCompression": "00",
         "DerivationDescription": DERIVATION,
         "ImageComments": "Simulated image.",
         "AcquisitionContextSequence": Sequence(),
-        "IrradiationEventUID": study.uid("exposure", view.folder),
+        "IrradiationEventUID": study.uid("exposure", view.folder, *_further(draw)),
     }
+
+
+def view_modifiers(mammogram: Mammogram) -> list[tuple[str, str]]:
+    """Codes and meanings of how a view differs from the usual one (PS3.16 CID 4015)."""
+    return [_MAGNIFICATION] if magnification(mammogram.gantry) >= MAGNIFIED else []
 
 
 def detector(mammogram: Mammogram) -> dict[str, Any]:
@@ -230,6 +256,12 @@ def detector_type(mammogram: Mammogram) -> str:
     return _DETECTOR_TYPE.get((found.material or "") if found else "", "")
 
 
+def magnification(gantry: Gantry) -> float:
+    """How many times larger an object on the breast support appears on the detector."""
+    to_support = gantry.source_to_detector_mm - gantry.support_to_detector_mm
+    return gantry.source_to_detector_mm / to_support
+
+
 def breast_pixel_mm(gantry: Gantry) -> float:
     """Pixel Spacing of all objects: of an object at the surface of the breast support, mm."""
     to_support = gantry.source_to_detector_mm - gantry.support_to_detector_mm
@@ -245,7 +277,6 @@ def positioning(mammogram: Mammogram) -> dict[str, Any]:
     """
     gantry = mammogram.gantry
     to_support = gantry.source_to_detector_mm - gantry.support_to_detector_mm
-    magnification = gantry.source_to_detector_mm / to_support
     spacing = decimal_string(breast_pixel_mm(gantry))
     return {
         "PositionerType": "MAMMOGRAPHIC",
@@ -253,7 +284,7 @@ def positioning(mammogram: Mammogram) -> dict[str, Any]:
         "PositionerPrimaryAngleDirection": "CC",
         "DistanceSourceToDetector": decimal_string(gantry.source_to_detector_mm),
         "DistanceSourceToPatient": decimal_string(to_support),
-        "EstimatedRadiographicMagnificationFactor": decimal_string(magnification),
+        "EstimatedRadiographicMagnificationFactor": decimal_string(magnification(gantry)),
         "PixelSpacing": [spacing, spacing],
         "PixelSpacingCalibrationType": "GEOMETRY",
         "PixelSpacingCalibrationDescription": "At the surface of the breast support",
@@ -312,9 +343,9 @@ def processing() -> dict[str, Any]:
     }
 
 
-def presentation(mammogram: Mammogram, study: StudyIdentity) -> dict[str, Any]:
+def presentation(mammogram: Mammogram, study: StudyIdentity, draw: int = 1) -> dict[str, Any]:
     """DX Image of pixels for reading, with its window and a reference to the raw image."""
-    source = source_image(study.uid("image", mammogram.gantry.view.folder, "processing"))
+    source = source_image(image_uid(study, mammogram.gantry.view, "processing", draw))
     return {
         "ImageType": ["DERIVED", "PRIMARY"],
         "AcquisitionDeviceProcessingDescription": "Logarithm, thickness equalization, tone curve",

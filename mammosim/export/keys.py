@@ -16,7 +16,8 @@ class ExportKeys(TypedDict, total=False):
     """Write the 16-bit mammogram and the lesion label image as TIFF. Default: True."""
 
     png: bool
-    """Write an 8-bit preview picture. Default: True."""
+    """Write an 8-bit preview picture, and the For Presentation image as a 16-bit one. Default:
+    True."""
 
     volumes: bool
     """Write the compressed labels and the displacement field as NIfTI volumes. Default: True."""

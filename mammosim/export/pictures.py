@@ -20,6 +20,7 @@ from mammosim.targets import Target
 _MM_PER_CM = 10.0
 _MM_PER_INCH = 25.4
 _LARGEST_TIFF = 4_000_000_000  # offsets of the classic format have 32 bits
+_WHITE_16 = 65535
 _PREVIEW_PIXELS = 4_000_000  # a preview of more is halved: it should open at once everywhere
 
 GLANDULAR_MATERIALS = ("gland",)
@@ -145,6 +146,18 @@ def write_preview(mammogram: Mammogram, path: str | PathLike[str]) -> None:
     per_inch = _MM_PER_INCH / pixel_mm
     with whole_file(path) as part:
         Image.fromarray(grey).save(part, dpi=(per_inch, per_inch), optimize=False)
+
+
+def write_full_picture(mammogram: Mammogram, path: str | PathLike[str]) -> None:
+    """Write the picture for reading through its window as a 16-bit PNG, every pixel of it."""
+    low = mammogram.window_center - 0.5 - 0.5 * (mammogram.window_width - 1.0)
+    levels = np.arange(int(mammogram.for_presentation.max(initial=0)) + 1, dtype=np.float64)
+    fraction = np.clip((levels - low) / (mammogram.window_width - 1.0), 0.0, 1.0)
+    grey = np.rint(_WHITE_16 * fraction).astype(np.uint16)[mammogram.for_presentation]
+    per_inch = _MM_PER_INCH / mammogram.gantry.pixel_mm
+    with whole_file(path) as part:
+        # Grain hardly packs: the least effort gives nearly the smallest file.
+        Image.fromarray(grey).save(part, format="PNG", dpi=(per_inch, per_inch), compress_level=1)
 
 
 def _halved(pixels: NDArray[np.generic]) -> NDArray[np.float64]:

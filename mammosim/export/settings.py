@@ -20,7 +20,7 @@ class ExportSettings(Settings):
     """Write the 16-bit mammogram and the lesion label image as TIFF."""
 
     png: bool = True
-    """Write an 8-bit preview picture."""
+    """Write an 8-bit preview picture, and the For Presentation image as a 16-bit one."""
 
     volumes: bool = True
     """Write the compressed labels and the displacement field as NIfTI volumes."""

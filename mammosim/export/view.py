@@ -22,6 +22,7 @@ from mammosim.export.measurements import write_measurements
 from mammosim.export.path_lengths import write_path_lengths
 from mammosim.export.pictures import (
     write_density_tiff,
+    write_full_picture,
     write_glandular_tiff,
     write_lesion_lengths_tiff,
     write_lesion_tiff,
@@ -144,6 +145,7 @@ def write_images(
         write_lesion_tiff(masks, mammogram, folder / "lesion_mask.tif")
     if settings.png:
         write_preview(mammogram, folder / "preview.png")
+        write_full_picture(mammogram, folder / "for_presentation.png")
     if settings.dose_map and mammogram.dose is not None and mammogram.dose.dose_map is not None:
         write_dose_map(mammogram.dose.dose_map, mammogram.gantry, folder / "dose_map.nii.gz")
     if settings.path_lengths:
@@ -154,3 +156,38 @@ def write_images(
         write_density_tiff(paths, folder / "volumetric_density.tif")
     if settings.lesion_lengths and masks:
         write_lesion_lengths_tiff(paths, here, folder / "lesion_lengths.tif")
+
+
+def write_draw(
+    folder: str | PathLike[str],
+    mammogram: Mammogram,
+    number: int,
+    settings: ExportSettings,
+    study: StudyIdentity,
+) -> None:
+    """Write the pictures of one draw of a view's noise, as ``for_processing_001.dcm``.
+
+    Parameters
+    ----------
+    folder : path
+        The view's folder, as ``run/LCC``.
+    mammogram : Mammogram
+    number : int
+        Of the draw, from 1; the first is the view's own picture.
+    settings : ExportSettings
+    study : StudyIdentity
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    folder, end = Path(folder), f"_{number:03d}"
+    if settings.dicom:
+        raw, shown = folder / f"for_processing{end}.dcm", folder / f"for_presentation{end}.dcm"
+        write_dicom(mammogram, "processing", raw, study, settings, number)
+        write_dicom(mammogram, "presentation", shown, study, settings, number)
+    if settings.tiff:
+        write_mammogram_tiff(mammogram, folder / f"mammogram{end}.tif")
+    if settings.png:
+        write_full_picture(mammogram, folder / f"for_presentation{end}.png")

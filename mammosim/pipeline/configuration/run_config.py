@@ -149,6 +149,8 @@ class RunConfig(Settings):
                         for line in error.problems
                     )
             if not problems:
+                problems += _draws_problems(number, view, sections["acquisition"])
+            if not problems:
                 biopsy = self._biopsy_position(view, sections["compression"])
                 one = ResolvedView(
                     view.view, **sections, tomosynthesis=view.dbt, biopsy=biopsy,
@@ -212,3 +214,16 @@ class RunConfig(Settings):
     def plain(self) -> dict[str, Any]:
         """All values as YAML holds them, defaults filled in but for those that mean "left out"."""
         return self.model_dump(mode="json", exclude_none=True)
+
+
+def _draws_problems(number: int, view: ViewSettings, acquisition: AcquisitionSettings) -> list[str]:
+    """Several draws of what is not one exposure."""
+    of = "a series of projections" if view.dbt is not None else ""
+    if acquisition.contrast is not None:
+        of = "a pair of exposures with contrast agent"
+    if not of or acquisition.realisations in (None, 1):
+        return []
+    return [
+        f"views.{number}.acquisition.realisations: found {acquisition.realisations} for {of}, of "
+        "which one draw is made; expected 1"
+    ]

@@ -31,6 +31,13 @@ clips. Its path lengths take memory only where rays meet it."""
 BYTES_A_PROJECTED_PIXEL = 3.0
 """Of a series of projections: 16 bits, and one byte of the lesions' mask."""
 
+BYTES_A_DRAWN_PIXEL = 30.0
+"""Of what arrives at the detector, twice more in single precision and second moment, and of one
+draw's images, where several realisations are made."""
+
+SECONDS_A_DRAWN_PIXEL = 6e-7
+"""Noise and processing of one more draw, and its files."""
+
 BASE_BYTES = 4.5e8
 """The interpreter with its libraries and compiled code."""
 
@@ -125,7 +132,10 @@ def _plan_side(config: RunConfig) -> _SidePlan:
         if view.acquisition.contrast is not None:
             seconds += pixels * SECONDS_A_PIXEL
             stack += pixels * BYTES_A_CONTRAST_PIXEL
-        largest = max(largest, lattice_bytes + pixels * BYTES_A_PIXEL + stack)
+        draws = view.acquisition.realisations or 1
+        seconds += pixels * SECONDS_A_DRAWN_PIXEL * (draws - 1)
+        drawn = pixels * BYTES_A_DRAWN_PIXEL if draws > 1 else 0.0
+        largest = max(largest, lattice_bytes + pixels * BYTES_A_PIXEL + stack + drawn)
         masks = max(masks, pixels * lesions * BYTES_A_LESION_PIXEL)
         line = _view_line(view.label, compression, projection.pixel_mm, nodes, pixels)
         if sweep and sweep.reconstruct is not None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
 from mammosim.config import write_yaml
 from mammosim.errors import InputError
@@ -18,6 +19,7 @@ from mammosim.export import (
     slice_masks,
     whole_file,
     write_compressed,
+    write_draw,
     write_images,
     write_json,
     write_lesions,
@@ -151,6 +153,11 @@ class RunFolder:
             write_images(
                 folder, result.paths, result.mammogram, result.targets, export, self._identity
             )
+
+    def write_draw(self, number: int, mammogram: Mammogram) -> None:
+        """Write the pictures of one draw of a view's noise."""
+        folder = self.path / mammogram.gantry.view.folder
+        write_draw(folder, mammogram, number, self._config.export, self._identity)
 
     def write_summary(self, study: Study, status: Status) -> None:
         """Write the tables of the lesions, the page and the run's record.

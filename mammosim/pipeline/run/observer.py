@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import partial, wraps
 from typing import Any, ParamSpec, Protocol, TypeVar
 
+from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast, CompressionSettings
 from mammosim.errors import InputError, Interrupted, NotConverged
 from mammosim.geometry import View
@@ -136,6 +137,11 @@ class RunObserver:
         if self._output is not None:
             with self._timing(folder, "export"):
                 self._output.write_view(result)
+
+    def keep_draw(self, number: int, mammogram: Mammogram) -> None:
+        """Write one of several draws of a view's noise; none is kept in memory."""
+        if self._output is not None:
+            self._output.write_draw(number, mammogram)
 
     def finish(self, study: Study) -> Study:
         """Write tables, record and page; the study with the time of each stage."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from typing import Unpack
 
 from mammosim._jit import one_blas_thread
-from mammosim.acquisition import expose, expose_arc, lesion_visibility
+from mammosim.acquisition import Mammogram, expose, expose_arc, lesion_visibility
 from mammosim.compression import compress
 from mammosim.config import documents_keys
 from mammosim.errors import InputError, Interrupted, NotConverged
@@ -72,8 +73,12 @@ def simulate(
         for one, breast in zip(config.sides, breasts, strict=True):
             for view in one.resolved_views:
                 observe = observer.of_view(view.position(breast.laterality).folder)
-                simulate_one = simulate_series if view.tomosynthesis else simulate_view
-                observer.keep(simulate_one(breast, view, one.seed, observe, first_id))
+                if view.tomosynthesis:
+                    result = simulate_series(breast, view, one.seed, observe, first_id)
+                else:
+                    watch = observer.keep_draw
+                    result = simulate_view(breast, view, one.seed, observe, first_id, watch)
+                observer.keep(result)
             first_id += len(breast.lesions) + len(breast.landmarks) + 1  # the nipple
         answers = observer.of_run(exam_answers)(
             breasts, observer.views, config, observer.on_progress
@@ -108,6 +113,7 @@ def simulate_view(
     seed: int = 1,
     observe: Observe = unobserved,
     first_id: int = 1,
+    watch_draws: Callable[[int, Mammogram], None] | None = None,
 ) -> ViewResult:
     """Make the mammogram of one view.
 
@@ -122,6 +128,8 @@ def simulate_view(
         Given each stage, returns what is called in its place: the same stage, observed.
     first_id : int
         Number of the breast's first target in the run.
+    watch_draws : callable, optional
+        Called with number, from 1, and mammogram of each of several `acquisition.realisations`.
 
     Returns
     -------
@@ -138,8 +146,9 @@ def simulate_view(
     compressed = observe(compress)(breast, position, view.compression, seed=seed)
     paths = observe(project)(compressed, view.projection)
     mammogram = observe(expose)(
-        paths, view.acquisition, seed=noise_seed(seed, position.folder), dose_map=view.dose_map
-    )
+        paths, view.acquisition, seed=noise_seed(seed, position.folder), dose_map=view.dose_map,
+        watch=watch_draws,
+    )  # fmt: skip
     visible = observe(lesion_visibility)(breast, paths, mammogram, view.acquisition)
     targets = observe(find_targets)(compressed, paths, visible, first_id)
     return ViewResult(compressed, paths, mammogram, tuple(targets))
