@@ -13,7 +13,8 @@ import SimpleITK
 from make_records import THICKNESS_MM, make_mammogram
 from naive.hanging import hang
 
-from mammosim.export import ExportSettings, StudyIdentity, write_dicom
+from mammosim.export import ExportSettings, PatientSettings, StudyIdentity, write_dicom
+from mammosim.export.dicom import mammogram_dataset
 from mammosim.export.orientation import patient_orientation, positioner_angle_deg
 from mammosim.geometry import View
 
@@ -174,6 +175,73 @@ def test_a_hanging_protocol_finds_each_view(written):
         "R CC", "L CC", "R MLO", "L MLO", "R CC for processing", "L CC for processing",
         "R MLO for processing", "L MLO for processing",
     ]  # fmt: skip
+
+
+def test_views_with_a_name_of_their_own_hang_after_the_usual_ones(written):
+    """A spot view of the right breast takes no slot, whatever is written first."""
+    usual = [View(name, side) for name in ("CC", "MLO") for side in "RL"]
+    spot = View("CC", "R", title="CC_spot", spot=True)
+    exam = [written(view, intent) for view in [spot, *usual] for intent in INTENTS]
+    shown = hang(exam)
+    assert [slot for slot, dataset in shown.items() if "spot" in dataset.SeriesDescription] == []
+    assert exam[0].SeriesDescription.startswith("R CC CC_spot")
+    assert exam[0].SOPInstanceUID != exam[2].SOPInstanceUID
+
+
+@pytest.mark.parametrize(
+    ("spot", "support_mm", "codes"),
+    [
+        (False, 15.0, []),
+        (True, 15.0, ["399055006"]),
+        (False, 285.0, ["399163009"]),  # 650 / 365: 1.8 times
+        (True, 285.0, ["399055006", "399163009"]),
+    ],
+)
+def test_spot_and_magnified_views_are_coded(written, spot, support_mm, codes):
+    view = View("CC", "L", spot=spot)
+    gantry = dataclasses.replace(make_mammogram(view).gantry, support_to_detector_mm=support_mm)
+    dataset = written(view, "presentation", gantry=gantry)
+    modifiers = dataset.ViewCodeSequence[0].ViewModifierCodeSequence
+    assert [item.CodeValue for item in modifiers] == codes
+    assert {item.CodingSchemeDesignator for item in modifiers} <= {"SCT"}
+    assert dataset.ViewPosition == "CC"
+    magnification = float(dataset.EstimatedRadiographicMagnificationFactor)
+    assert magnification == pytest.approx(650 / (650 - support_mm), rel=1e-5)
+
+
+def test_draws_of_the_noise_are_instances_of_one_series(tmp_path):
+    mammogram = make_mammogram(VIEWS[0])
+    drawn = {}
+    for draw in (1, 2):
+        for intent in INTENTS:
+            path = tmp_path / f"{intent}_{draw}.dcm"
+            write_dicom(mammogram, intent, path, STUDY, SETTINGS, draw)
+            drawn[intent, draw] = pydicom.dcmread(path)
+    first, second = drawn["presentation", 1], drawn["presentation", 2]
+    assert first.SeriesInstanceUID == second.SeriesInstanceUID
+    assert (first.InstanceNumber, second.InstanceNumber) == (1, 2)
+    assert first.SOPInstanceUID != second.SOPInstanceUID
+    assert first.IrradiationEventUID != second.IrradiationEventUID
+    for draw in (1, 2):
+        source = drawn["presentation", draw].SourceImageSequence[0]
+        assert source.ReferencedSOPInstanceUID == drawn["processing", draw].SOPInstanceUID
+
+
+def test_the_patient_is_who_the_settings_say(tmp_path):
+    patient = PatientSettings(
+        id="A-17", name="Doe^Jane", birth_date="1949-03-01", sex="F", accession="ACC 9",
+        study_description="Screening",
+    )  # fmt: skip
+    study = StudyIdentity(STUDY.run_hash, "run", patient)
+    path = tmp_path / "a.dcm"
+    write_dicom(make_mammogram(VIEWS[0]), "presentation", path, study, SETTINGS)
+    dataset = pydicom.dcmread(path)
+    assert (dataset.PatientID, str(dataset.PatientName)) == ("A-17", "Doe^Jane")
+    assert (dataset.PatientBirthDate, dataset.PatientAge) == ("19490301", "050Y")
+    assert (dataset.AccessionNumber, dataset.StudyDescription) == ("ACC 9", "Screening")
+    assert "PatientAge" not in mammogram_dataset(
+        make_mammogram(VIEWS[0]), "presentation", STUDY, SETTINGS
+    )
 
 
 def test_the_unit_is_described(written):

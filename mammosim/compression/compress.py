@@ -69,7 +69,8 @@ def compress(
     """
     settings = given_settings(CompressionSettings, settings, keys, "compress()", ("compression",))
     if isinstance(view, str):
-        view = View(view, breast.laterality, settings.mlo_angle_deg)
+        spot = settings.paddle is not None and settings.paddle.is_spot
+        view = View(view, breast.laterality, settings.mlo_angle_deg, spot=spot)
     view = view_of_compressed(breast, view)
     held = as_held(breast, view.rotation[1])
     model = MODELS[settings.model]

@@ -112,6 +112,11 @@ class TiltSettings(Settings):
         return self
 
 
+SPOT_PADDLE_MM = 120.0
+"""Longer side up to which a paddle is a spot paddle, mm. Assumed: those of clinical units have 60
+to 100 mm, and the next larger paddles, for the smaller image format, some 240 mm."""
+
+
 class PaddleSettings(Settings):
     """A paddle that covers only a part of the breast, or tilts (model `hyperelastic`)."""
 
@@ -126,6 +131,11 @@ class PaddleSettings(Settings):
 
     tilt: TiltSettings | None = None
     """How it is tilted; left out: not at all."""
+
+    @property
+    def is_spot(self) -> bool:
+        """Whether it is a spot paddle."""
+        return max(self.size_mm) <= SPOT_PADDLE_MM
 
 
 class CompressionSettings(Settings):

@@ -225,7 +225,12 @@ def image(
 
 def view_modifiers(mammogram: Mammogram) -> list[tuple[str, str]]:
     """Codes and meanings of how a view differs from the usual one (PS3.16 CID 4015)."""
-    return [_MAGNIFICATION] if magnification(mammogram.gantry) >= MAGNIFIED else []
+    gantry = mammogram.gantry
+    found = [
+        (_SPOT_COMPRESSION, gantry.view.spot),
+        (_MAGNIFICATION, magnification(gantry) >= MAGNIFIED),
+    ]
+    return [code for code, holds in found if holds]
 
 
 def detector(mammogram: Mammogram) -> dict[str, Any]:

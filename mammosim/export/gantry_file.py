@@ -16,8 +16,9 @@ from mammosim.geometry import Gantry, View
 def write_geometry(gantry: Gantry, path: str | PathLike[str]) -> None:
     """Write a gantry as JSON; its keys are the fields of `Gantry` and, under `view`, of `View`."""
     values = asdict(gantry)
-    if not gantry.view.title:
-        del values["view"]["title"]
+    for key in ("title", "spot"):  # of unusual views alone
+        if not values["view"][key]:
+            del values["view"][key]
     write_json(path, values)
 
 

@@ -30,6 +30,8 @@ class View:
         was compressed before: then nothing is turned, whatever the view.
     title : str
         What the run calls it in place of its name, as `CC_spot`; empty where it has no such name.
+    spot : bool
+        Whether a small paddle presses a part of the breast only.
     """
 
     name: str
@@ -38,6 +40,7 @@ class View:
     tomosynthesis: bool = False
     in_compression_frame: bool = False
     title: str = ""
+    spot: bool = False
 
     def __post_init__(self) -> None:
         if self.name not in VIEW_NAMES:

@@ -68,8 +68,11 @@ class ResolvedView:
     def position(self, laterality: str) -> View:
         """The view of one breast."""
         series = self.tomosynthesis is not None
-        angle_deg = self.compression.mlo_angle_deg
-        return View(self.view, laterality, angle_deg, series, title=self.title)
+        held = self.compression
+        return View(
+            self.view, laterality, held.mlo_angle_deg, series, title=self.title,
+            spot=held.paddle is not None and held.paddle.is_spot,
+        )  # fmt: skip
 
     @property
     def label(self) -> str:
