@@ -16,7 +16,7 @@ from mammosim.pipeline import RunConfig, config_of
 
 
 @pytest.mark.parametrize(
-    "example", ["quickstart", "own_phantom", "victre", "tomosynthesis", "cohort"]
+    "example", ["quickstart", "exam", "own_phantom", "victre", "tomosynthesis", "cohort"]
 )
 def test_schema_takes_what_the_examples_say_and_refuses_a_misprint(example):
     values = read_yaml(Path(__file__).parents[1] / "configs" / f"{example}.yaml")
