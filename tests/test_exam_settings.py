@@ -59,7 +59,7 @@ def test_one_breast_is_the_run_that_it_was():
     assert plain.sides == (plain,)
     assert not {"patient", "name"} & plain.plain().keys()
     assert config(laterality=["R"], seed=3) == plain
-    inputs = InputHashes((), (), ())
+    inputs = InputHashes((), (), (), ())
     assert hash_of(config(laterality=["R", "L"], seed=3), inputs) != hash_of(plain, inputs)
 
 

@@ -18,7 +18,13 @@ from pydicom.uid import (
 from mammosim._version import VERSION
 from mammosim.acquisition import DETECTORS, Mammogram
 from mammosim.export.identity import StudyIdentity
-from mammosim.export.orientation import VIEW_CODES, patient_orientation, positioner_angle_deg
+from mammosim.export.orientation import (
+    VIEW_CODES,
+    magnification,
+    patient_orientation,
+    positioner_angle_deg,
+    view_modifiers,
+)
 from mammosim.export.settings import ExportSettings
 from mammosim.geometry import Gantry, View
 
@@ -59,14 +65,6 @@ DERIVATION = (
 
 # Defined Terms of Detector Type (0018,7004) by converter.
 _DETECTOR_TYPE = {"Se": "DIRECT", "CsI": "SCINTILLATOR"}
-
-# Codes of PS3.16 CID 4015 "View Modifier for Mammography": value and meaning in SNOMED CT.
-_MAGNIFICATION = ("399163009", "Magnification")
-_SPOT_COMPRESSION = ("399055006", "Spot Compression")
-
-MAGNIFIED = 1.3
-"""Magnification from which a view is a magnified one: contact views have 1.02 to 1.1, stands of
-clinical units 1.5 to 2. Between them, assumed."""
 
 # Of mammography tubes with their large focal spot; it only divides the tube load into a current
 # and a time. Assumed.
@@ -193,11 +191,11 @@ def image(
     study: StudyIdentity, intent: Intent, mammogram: Mammogram, draw: int = 1
 ) -> dict[str, Any]:
     """General Image, DX Series, DX Anatomy Imaged and the view with its modifiers."""
-    view = mammogram.gantry.view
+    gantry, view = mammogram.gantry, mammogram.gantry.view
     value, meaning = VIEW_CODES[view.name]
     view_item = code_item(value, "SCT", meaning)
     view_item.ViewModifierCodeSequence = Sequence(
-        [code_item(code, "SCT", meaning) for code, meaning in view_modifiers(mammogram)]
+        [code_item(code, "SCT", meaning) for code, meaning in view_modifiers(gantry)]
     )
     return {
         "Modality": "MG",
@@ -221,16 +219,6 @@ def image(
         "AcquisitionContextSequence": Sequence(),
         "IrradiationEventUID": study.uid("exposure", view.folder, *_further(draw)),
     }
-
-
-def view_modifiers(mammogram: Mammogram) -> list[tuple[str, str]]:
-    """Codes and meanings of how a view differs from the usual one (PS3.16 CID 4015)."""
-    gantry = mammogram.gantry
-    found = [
-        (_SPOT_COMPRESSION, gantry.view.spot),
-        (_MAGNIFICATION, magnification(gantry) >= MAGNIFIED),
-    ]
-    return [code for code, holds in found if holds]
 
 
 def detector(mammogram: Mammogram) -> dict[str, Any]:
@@ -259,12 +247,6 @@ def detector_type(mammogram: Mammogram) -> str:
     """Detector Type by what converts the photons; empty where that is not known."""
     found = DETECTORS.get(mammogram.detector)
     return _DETECTOR_TYPE.get((found.material or "") if found else "", "")
-
-
-def magnification(gantry: Gantry) -> float:
-    """How many times larger an object on the breast support appears on the detector."""
-    to_support = gantry.source_to_detector_mm - gantry.support_to_detector_mm
-    return gantry.source_to_detector_mm / to_support
 
 
 def breast_pixel_mm(gantry: Gantry) -> float:
