@@ -49,7 +49,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     "bad",
     [
         {"acquisition": {"composition": "misspelt.yaml"}},
-        {"projection": {"pixel_mm": 1.0, "detector_mm": [240, 180], "focal_spot_y_mm": 5000}},
+        {"projection": {"pixel_mm": 1e-5}},
         {"compression": {"resolution_mm": 6.0, "thickness_mm": 400}},
     ],
 )
