@@ -66,7 +66,7 @@ class AcquisitionKeys(TypedDict, total=False):
     """Tube voltage in kV, 20 to 49; left out: chosen by the compressed thickness."""
 
     mas: float | None
-    """Tube load in mAs; left out: automatic exposure control."""
+    """Tube load in mAs; left out: automatic exposure control, which gives at most 600 mAs."""
 
     spectrum_file: str | None
     """Path of a spectrum of two columns, keV and photons a bin per mm2 and mAs at 1 m behind the

@@ -107,7 +107,8 @@ class CompressionKeys(TypedDict, total=False):
     """Force on the paddle, N, in place of a thickness."""
 
     support_z_mm: float | None
-    """Final height of the breast support's face, compression frame, mm; with `paddle_z_mm`."""
+    """Final height of the breast support's face, compression frame, mm; with `paddle_z_mm`. Left
+    out: both plates stand where they press alike."""
 
     paddle_z_mm: float | None
     """Final height of the paddle's face, compression frame, mm; with `support_z_mm`."""
