@@ -88,6 +88,9 @@ def test_a_shadow_that_compression_makes_too_long_is_foreseen_as_cut_off(tmp_pat
     ("changes", "message"),
     [({"compression": {"thickness_mm": 150}}, "thickness_mm: found 150"),
      ({"compression": {"plate_edge_mm": 150}}, "plate_edge_mm: found 150"),
+     ({"compression": {"model": "hyperelastic", "resolution_mm": 6,
+                       "paddle": {"size_mm": [60, 60], "centre_mm": [40, 400]}}},
+      "beside the breast, which lies from"),
      ({"phantom": {"generate": GENERATED, "lesions": [
          {"name": "m", "kind": "mass", "position_mm": [200, 0, 0]}]}}, "outside the breast"),
      ({"phantom": {"generate": GENERATED, "landmarks": [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mammosim.compression.compress import view_of_compressed
@@ -13,9 +15,11 @@ from mammosim.compression.plates import (
     place_plates,
     plate_edge_mm,
 )
+from mammosim.compression.plates.paddle import covered_tissue, panel_of
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.thesis_units import in_millimetres
 from mammosim.compression.uncompressed import refuse_moving
+from mammosim.errors import InputError
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, as_held
 
@@ -49,9 +53,27 @@ def check_plates(
     resolution_mm = max(settings.resolution_mm, 0.5 * slack_mm)
     lattice = build_lattice(held, view, resolution_mm, settings.moduli)
     edge = plate_edge_mm(settings, reach, muscle_fixed)
+    _check_paddle(settings, lattice, edge, view, slack_mm)
     if slack_mm and _may_fit(lattice, settings.thickness_mm, edge, slack_mm):
         return
     place_plates(settings, held, view, lattice, edge)
+
+
+def _check_paddle(
+    settings: CompressionSettings, lattice: Lattice, edge_mm: float, view: View, slack_mm: float
+) -> None:
+    """Refuse a paddle beside a breast that may be larger by the slack."""
+    panel = panel_of(settings.paddle, edge_mm)
+    if panel is None:
+        return
+    grown = replace(
+        panel, front_mm=panel.front_mm + slack_mm, low_mm=panel.low_mm - slack_mm,
+        high_mm=panel.high_mm + slack_mm,
+    )  # fmt: skip
+    try:
+        covered_tissue(lattice, edge_mm, grown, view)
+    except InputError:
+        covered_tissue(lattice, edge_mm, panel, view)  # says the paddle's own place
 
 
 def _may_fit(lattice: Lattice, thickness_mm: float | None, edge_mm: float, slack_mm: float) -> bool:
