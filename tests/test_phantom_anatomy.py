@@ -86,7 +86,7 @@ def test_every_tissue_is_there(scattered):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["none", "vascular", "round", "popcorn", "rods", "skin"])
+@pytest.mark.parametrize("kind", ["none", "rods"])
 def test_what_is_found_in_healthy_breasts_is_labelled_but_no_lesion(kind):
     asked = {"volume_ml": 200.0, "skin_mm": 1.5, "benign_calcifications": kind}
     bare = generate_phantom("a", 1.0, 4, lymph_nodes=0, **asked)
