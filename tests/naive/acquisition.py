@@ -110,16 +110,27 @@ def grey(attenuation, missing, edge, base, curve):
     """Grey (0 to 1) of one pixel, coarse images given where it is."""
     t = np.clip((attenuation / edge - curve.edge_start) / (1.0 - curve.edge_start), 0.0, 1.0)
     level = attenuation + missing * (3.0 * t**2 - 2.0 * t**3)
+    if base <= curve.fat and level < base - 2.0 * curve.contrast:
+        return 0.0  # air
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
-    below = bent(
-        curve.fat_grey + slope * (base - curve.fat), curve.toe, curve.shoulder, curve.white
-    )
+
+    def with_toe(value):
+        return bent(value, curve.toe, np.inf, np.inf)
+
+    straight = curve.fat_grey + slope * (base - curve.fat)
+    below = bent(straight, curve.toe, curve.shoulder, curve.white)
     detail = level - base
-    detail += (curve.gain - 1.0) * 0.12 * np.tanh(detail / 0.12)
-    # the derivative of toe or shoulder, no less than 0.7 and 0.4
-    toe_slope = np.clip(below / curve.toe, 0.7, 1.0)
+    weak = 0.12 * np.tanh(detail / 0.12)
+    # where the toe is flatter than 0.7, weak detail is raised to that slope, by 20 at most
+    toe_slope = np.clip(below / curve.toe, 0.05, 1.0)
+    raised = straight + slope * (
+        detail + (curve.gain - 1.0) * weak + curve.gain * max(0.7 / toe_slope - 1.0, 0.0) * weak
+    )
+    # the derivative of the shoulder, no less than 0.4
     shoulder_slope = np.clip((curve.white - below) / (curve.white - curve.shoulder), 0.4, 1.0)
-    return bent(below + slope * min(toe_slope, shoulder_slope) * detail, 0.06, 0.85, 1.0)
+    shown = below + shoulder_slope * (with_toe(raised) - with_toe(straight))
+    shown = bent(max(shown, 0.0), 0.0, 0.85, 1.0)
+    return shown * min(1.0, np.exp((raised - (curve.fat_grey - 0.4)) / 0.1))
 
 
 def boone_ratio(diameter_cm, thickness_cm):
