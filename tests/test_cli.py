@@ -39,7 +39,8 @@ def test_a_run_leaves_every_file_of_the_contract(finished):
         if path.is_file() and path.parent.name != ".stages"
     }
     view = {
-        "for_processing.dcm", "for_presentation.dcm", "mammogram.tif", "preview.png",
+        "for_processing.dcm", "for_presentation.dcm", "for_presentation.png",
+        "mammogram.tif", "preview.png",
         "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm", "lesion_outlines.dcm",
         "compressed.nii.gz", "displacement.nii.gz",
         "convergence.csv", "compression.json", "lattice.nii.gz", "geometry.json",

@@ -140,7 +140,8 @@ def write_folder(folder, settings) -> dict[str, str]:
 def test_a_views_folder_holds_the_promised_files_and_reruns_are_identical(tmp_path):
     files = write_folder(tmp_path / "RMLO", ExportSettings())
     assert set(files) == {
-        "for_processing.dcm", "for_presentation.dcm", "mammogram.tif", "preview.png",
+        "for_processing.dcm", "for_presentation.dcm", "for_presentation.png",
+        "mammogram.tif", "preview.png",
         "lesion_mask.dcm", "lesion_mask.tif", "lesion_measurements.dcm", "lesion_outlines.dcm",
         "compressed.nii.gz",
         "displacement.nii.gz", "lattice.nii.gz", "convergence.csv", "compression.json",
