@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pydicom
@@ -74,6 +75,19 @@ def test_each_lesion_is_outlined_and_named_on_its_own_image(tmp_path, view):
         np.testing.assert_allclose(high, [columns.max() + 1.5, rows.max() + 1.5], atol=0.01)
     assert named == {}
     assert state.SeriesDescription == f"{view.laterality} {view.name} lesion outlines"
+
+
+def test_a_lesion_that_the_edge_of_the_image_cuts_is_outlined_up_to_it(tmp_path):
+    view = VIEWS[0]
+    masks = lesion_masks(make_paths(view), make_targets(view))
+    lesion = next(lesion for lesion in masks if lesion.mask.any())
+    everywhere = replace(lesion, mask=np.ones_like(lesion.mask))
+    path = tmp_path / "state.dcm"
+    write_presentation_state([everywhere], make_mammogram(view), path, STUDY, SETTINGS)
+    (annotation,) = pydicom.dcmread(path).GraphicAnnotationSequence
+    points = np.reshape(annotation.GraphicObjectSequence[0].GraphicData, (-1, 2))
+    np.testing.assert_allclose(points.min(axis=0), [0.5, 0.5])
+    np.testing.assert_allclose(points.max(axis=0), lesion.mask.shape[::-1])
 
 
 def test_reruns_are_identical(tmp_path):

@@ -108,17 +108,17 @@ def _annotation(
         "tracking_id": long_string(f"{target.target_id} {target.name}"),
         "tracking_uid": study.uid("lesion", str(target.target_id)),
     }
-    lines = list(outlines(lesion.mask))
-    # DICOM counts pixels from 1, their upper left corner being 0.5 (PS3.3 C.10.5.1).
+    rows, columns = lesion.mask.shape
+    # DICOM counts pixels from 1, their upper left corner being 0.5 (PS3.3 C.10.5.1). No coordinate
+    # may exceed Columns and Rows, which the outline of a lesion cut by the image's edge would.
+    lines = [np.minimum(line + 1.0, [columns, rows]) for line in outlines(lesion.mask)]
     graphics = [
         pr.GraphicObject(
-            graphic_type=pr.GraphicTypeValues.POLYLINE, graphic_data=line + 1.0, units="PIXEL",
-            **named,
+            graphic_type=pr.GraphicTypeValues.POLYLINE, graphic_data=line, units="PIXEL", **named
         )
         for line in lines
-    ]  # fmt: skip
-    corner = np.concatenate(lines).max(axis=0) + 1.0
-    rows, columns = lesion.mask.shape
+    ]
+    corner = np.concatenate(lines).max(axis=0)
     anchor = np.clip(corner + GAP_PX, 1.0, [columns, rows])
     text = pr.TextObject(
         text_value=long_string(target.name),
