@@ -13,7 +13,6 @@ from pydicom.sequence import Sequence
 
 from mammosim.acquisition import Mammogram
 from mammosim.export import dicom_modules as modules
-from mammosim.export.atomic import whole_file
 from mammosim.export.dicom import image_dataset
 from mammosim.export.dicom_agent import contrast_agent
 from mammosim.export.dicom_modules import Intent
@@ -59,8 +58,7 @@ def write_contrast(
     folder = Path(folder)
     if settings.dicom:
         for name, dataset in contrast_datasets(mammogram, study, settings).items():
-            with whole_file(folder / f"{name}.dcm") as part:
-                dataset.save_as(part, enforce_file_format=True)
+            modules.save_object(dataset, folder / f"{name}.dcm")
     if settings.tiff:
         iodine, pixel_mm = mammogram.contrast.iodine.mg_cm2, mammogram.gantry.pixel_mm
         write_stack_tiff([iodine], pixel_mm, folder / "iodine.tif", compression="zlib")

@@ -10,15 +10,12 @@ from os import PathLike
 from typing import Any
 
 from pydicom import Dataset
-from pydicom.dataset import FileMetaDataset
-from pydicom.uid import ExplicitVRLittleEndian
 
 from mammosim.acquisition import Mammogram
 from mammosim.export import dicom_modules as modules
-from mammosim.export.atomic import whole_file
 from mammosim.export.dicom_agent import contrast_agent
 from mammosim.export.dicom_modules import Intent
-from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
+from mammosim.export.identity import StudyIdentity
 from mammosim.export.settings import ExportSettings
 
 
@@ -49,8 +46,7 @@ def write_dicom(
         If the file cannot be written.
     """
     dataset = mammogram_dataset(mammogram, intent, study, settings, draw)
-    with whole_file(path) as part:
-        dataset.save_as(part, enforce_file_format=True)
+    modules.save_object(dataset, path)
 
 
 def mammogram_dataset(
@@ -105,17 +101,5 @@ def image_dataset(filled: Iterable[Mapping[str, Any]], intent: Intent, uid: str)
     dataset = Dataset()
     for module in filled:
         modules.set_attributes(dataset, module)
-    dataset.SOPClassUID = modules.SOP_CLASS[intent]
-    dataset.SOPInstanceUID = uid
-    dataset.file_meta = _file_meta(dataset)
+    modules.set_identity(dataset, modules.SOP_CLASS[intent], uid)
     return dataset
-
-
-def _file_meta(dataset: Dataset) -> FileMetaDataset:
-    meta = FileMetaDataset()
-    meta.MediaStorageSOPClassUID = dataset.SOPClassUID
-    meta.MediaStorageSOPInstanceUID = dataset.SOPInstanceUID
-    meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    meta.ImplementationClassUID = IMPLEMENTATION_UID
-    meta.ImplementationVersionName = "MAMMOSIM"
-    return meta

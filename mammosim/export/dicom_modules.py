@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from os import PathLike
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydicom import Dataset
+from pydicom.dataset import FileMetaDataset
 from pydicom.sequence import Sequence
 from pydicom.uid import (
     DigitalMammographyXRayImageStorageForPresentation,
     DigitalMammographyXRayImageStorageForProcessing,
+    ExplicitVRLittleEndian,
 )
 
 from mammosim._version import VERSION
 from mammosim.acquisition import DETECTORS, Mammogram
-from mammosim.export.identity import StudyIdentity
+from mammosim.export.atomic import whole_file
+from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
 from mammosim.export.orientation import (
     VIEW_CODES,
     magnification,
@@ -81,6 +85,30 @@ def set_attributes(dataset: Dataset, attributes: Mapping[str, Any]) -> None:
     for keyword, value in attributes.items():
         if value is not None:
             setattr(dataset, keyword, value)
+
+
+def set_identity(dataset: Dataset, sop_class: str, uid: str) -> None:
+    """Set class and UID of an object, and its meta header."""
+    dataset.SOPClassUID, dataset.SOPInstanceUID = sop_class, uid
+    meta = FileMetaDataset()
+    meta.MediaStorageSOPClassUID = sop_class
+    meta.MediaStorageSOPInstanceUID = uid
+    meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    meta.ImplementationClassUID = IMPLEMENTATION_UID
+    meta.ImplementationVersionName = "MAMMOSIM"
+    dataset.file_meta = meta
+
+
+def save_object(dataset: Dataset, path: str | PathLike[str]) -> None:
+    """Write a DICOM object whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    with whole_file(path) as part:
+        dataset.save_as(part, enforce_file_format=True)
 
 
 def code_item(value: str, scheme: str, meaning: str) -> Dataset:
@@ -358,6 +386,19 @@ def source_image(uid: str) -> Dataset:
     return source
 
 
+def pixel_format(rows: int, columns: int, bits: int) -> dict[str, Any]:
+    """How the pixels of one frame are stored: unsigned, in 16 bits."""
+    return {
+        "SamplesPerPixel": 1,
+        "Rows": rows,
+        "Columns": columns,
+        "BitsAllocated": 16,
+        "BitsStored": bits,
+        "HighBit": bits - 1,
+        "PixelRepresentation": 0,
+    }
+
+
 def pixel_data(pixels: NDArray[np.uint16], bits: int) -> dict[str, Any]:
     """Image Pixel: unsigned, of which as many bits are used as the intent has.
 
@@ -368,13 +409,7 @@ def pixel_data(pixels: NDArray[np.uint16], bits: int) -> dict[str, Any]:
     if largest >> bits:
         raise ValueError(f"pixel value: found {largest}, expected at most {2**bits - 1}")
     return {
-        "SamplesPerPixel": 1,
-        "Rows": rows,
-        "Columns": columns,
-        "BitsAllocated": 16,
-        "BitsStored": bits,
-        "HighBit": bits - 1,
-        "PixelRepresentation": 0,
+        **pixel_format(rows, columns, bits),
         "RescaleIntercept": "0",
         "RescaleSlope": "1",
         "RescaleType": "US",

@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pydicom import Dataset
-from pydicom.dataset import FileMetaDataset
 from pydicom.sequence import Sequence
-from pydicom.uid import ExplicitVRLittleEndian
 
 from mammosim._version import VERSION
 from mammosim.acquisition import Mammogram
@@ -22,7 +20,7 @@ from mammosim.export.dicom_modules import (
     series_description,
     set_attributes,
 )
-from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
+from mammosim.export.identity import StudyIdentity
 from mammosim.export.orientation import VIEW_CODES
 from mammosim.export.settings import ExportSettings
 from mammosim.geometry import View
@@ -62,6 +60,7 @@ def series_and_equipment(
         "AcquisitionDateTime": f"{settings.date}000000",
         "AcquisitionContextSequence": Sequence(),
         "BurnedInAnnotation": "NO",
+        "DerivationDescription": DERIVATION,
         "LossyImageCompression": "00",
         "ContentQualification": "RESEARCH",
         "ImageComments": "Simulated image.",
@@ -92,23 +91,38 @@ def exposure_of_all(middle: Mammogram, loads_mas: Any) -> dict[str, Any]:
     }
 
 
+def values_as_stored(bits: int) -> dict[str, Sequence]:
+    """Functional groups of values that are shown as stored, in a window over all of them."""
+    values = 1 << bits
+    return {
+        "PixelValueTransformationSequence": sequence_of(
+            RescaleIntercept="0", RescaleSlope="1", RescaleType="US"
+        ),
+        "FrameVOILUTSequence": sequence_of(
+            WindowCenter=f"{0.5 * values:g}",
+            WindowWidth=f"{values}",
+            WindowCenterWidthExplanation="Whole range",
+        ),
+    }
+
+
+def frame_content(
+    settings: ExportSettings, acquisition: int, place: int, duration_s: float
+) -> Sequence:
+    """Frame Content Sequence of one frame of the object's one stack; numbers count from 1."""
+    return sequence_of(
+        FrameAcquisitionNumber=acquisition,
+        FrameReferenceDateTime=f"{settings.date}000000",
+        FrameAcquisitionDateTime=f"{settings.date}000000",
+        FrameAcquisitionDuration=1e3 * duration_s,
+        StackID="1",
+        InStackPositionNumber=place,
+    )
+
+
 def frame_anatomy(view: View) -> Sequence:
     """Frame Anatomy Sequence."""
     return sequence_of(
         FrameLaterality=view.laterality,
         AnatomicRegionSequence=Sequence([code_item("76752008", "SCT", "Breast")]),
     )
-
-
-def finished(dataset: Dataset, sop_class: str, uid: str) -> Dataset:
-    """The dataset with its class, identity and meta header."""
-    dataset.DerivationDescription = DERIVATION
-    dataset.SOPClassUID, dataset.SOPInstanceUID = sop_class, uid
-    meta = FileMetaDataset()
-    meta.MediaStorageSOPClassUID = sop_class
-    meta.MediaStorageSOPInstanceUID = uid
-    meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    meta.ImplementationClassUID = IMPLEMENTATION_UID
-    meta.ImplementationVersionName = "MAMMOSIM"
-    dataset.file_meta = meta
-    return dataset

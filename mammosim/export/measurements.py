@@ -12,12 +12,12 @@ from pydicom import Dataset
 from pydicom.sr.coding import Code
 
 from mammosim.acquisition import Mammogram
-from mammosim.export.atomic import whole_file
 from mammosim.export.derived_objects import place_in_study, settle
 from mammosim.export.dicom import mammogram_dataset
 from mammosim.export.dicom_modules import (
     breast_pixel_mm,
     long_string,
+    save_object,
 )
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
@@ -101,8 +101,7 @@ def write_measurements(
     )
     settle(report, study, settings, "measurements", view, " measurements")
     _leave_one_reference(report)
-    with whole_file(path) as part:
-        report.save_as(part, enforce_file_format=True)
+    save_object(report, path)
 
 
 def _group(

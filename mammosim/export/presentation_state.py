@@ -13,12 +13,9 @@ from pydicom import Dataset
 
 from mammosim._version import VERSION
 from mammosim.acquisition import Mammogram
-from mammosim.export.atomic import whole_file
 from mammosim.export.derived_objects import place_in_study, settle
 from mammosim.export.dicom import mammogram_dataset
-from mammosim.export.dicom_modules import (
-    long_string,
-)
+from mammosim.export.dicom_modules import long_string, save_object
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.settings import ExportSettings
@@ -51,8 +48,7 @@ def write_presentation_state(
         If the file cannot be written.
     """
     state = presentation_state_dataset(masks, mammogram, study, settings)
-    with whole_file(path) as part:
-        state.save_as(part, enforce_file_format=True)
+    save_object(state, path)
 
 
 def presentation_state_dataset(

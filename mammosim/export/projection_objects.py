@@ -14,22 +14,26 @@ from pydicom.uid import (
 )
 
 from mammosim.acquisition import Tomosynthesis
-from mammosim.export.atomic import whole_file
 from mammosim.export.dicom_modules import (
     BITS_STORED,
     TUBE_CURRENT_MA,
     Intent,
     code_item,
+    decimal_string,
+    pixel_format,
+    save_object,
     set_attributes,
+    set_identity,
 )
 from mammosim.export.enhanced_modules import (
     SECONDS_PER_PROJECTION,
     exposure_of_all,
-    finished,
     frame_anatomy,
+    frame_content,
     item_of,
     sequence_of,
     series_and_equipment,
+    values_as_stored,
 )
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.orientation import positioner_angle_deg
@@ -70,8 +74,7 @@ def write_projections(
         If the file cannot be written.
     """
     dataset = projections_dataset(series, intent, study, settings)
-    with whole_file(path) as part:
-        dataset.save_as(part, enforce_file_format=True)
+    save_object(dataset, path)
 
 
 def projections_dataset(
@@ -82,7 +85,6 @@ def projections_dataset(
     view = middle.gantry.view
     pixels = series.projections if raw else logarithms(series)
     count, rows, columns = pixels.shape
-    bits = BITS_STORED[intent]
     dataset = Dataset()
     suffix = " projections" if not raw else " projections for processing"
     for attributes in (
@@ -101,14 +103,8 @@ def projections_dataset(
             "PaddleDescription": "Simulated flat paddle",
             "OrganDose": f"{series.dose_mgy / 100.0:.6g}",  # dGy
             "EntranceDoseInmGy": f"{series.air_kerma_mgy:.6g}",
-            "SamplesPerPixel": 1,
+            **pixel_format(rows, columns, BITS_STORED[intent]),
             "NumberOfFrames": str(count),
-            "Rows": rows,
-            "Columns": columns,
-            "BitsAllocated": 16,
-            "BitsStored": bits,
-            "HighBit": bits - 1,
-            "PixelRepresentation": 0,
             "SharedFunctionalGroupsSequence": Sequence([_shared(series, intent, study)]),
             "PerFrameFunctionalGroupsSequence": Sequence(
                 [_frame(series, index, settings) for index in range(count)]
@@ -123,7 +119,8 @@ def projections_dataset(
     ):
         set_attributes(dataset, attributes)
     dataset.PixelData = np.ascontiguousarray(pixels, "<u2").tobytes()
-    return finished(dataset, SOP_CLASS[intent], study.uid("image", view.folder, KIND[intent]))
+    set_identity(dataset, SOP_CLASS[intent], study.uid("image", view.folder, KIND[intent]))
+    return dataset
 
 
 def logarithms(series: Tomosynthesis) -> NDArray[np.uint16]:
@@ -147,17 +144,9 @@ def _shared(series: Tomosynthesis, intent: Intent, study: StudyIdentity) -> Data
     raw, gantry = intent == "processing", series.middle.gantry
     pitch = f"{gantry.pixel_mm:.6g}"
     rows_mm, columns_mm = gantry.rows * gantry.pixel_mm, gantry.columns * gantry.pixel_mm
-    largest = (1 << BITS_STORED[intent]) - 1
     groups = {
         "FrameAnatomySequence": frame_anatomy(gantry.view),
-        "PixelValueTransformationSequence": sequence_of(
-            RescaleIntercept="0", RescaleSlope="1", RescaleType="US"
-        ),
-        "FrameVOILUTSequence": sequence_of(
-            WindowCenter=f"{0.5 * (largest + 1):g}",
-            WindowWidth=f"{largest + 1}",
-            WindowCenterWidthExplanation="Whole range",
-        ),
+        **values_as_stored(BITS_STORED[intent]),
         "FramePixelDataPropertiesSequence": sequence_of(
             FrameType=_image_type(intent),
             PixelIntensityRelationship="LIN" if raw else "LOG",
@@ -221,25 +210,22 @@ def _frame(series: Tomosynthesis, index: int, settings: ExportSettings) -> Datas
     part = load / series.mas * float(series.dose_factors[index]) / series.mean_dose_factor
     return item_of(
         {
-            "FrameContentSequence": sequence_of(
-                FrameAcquisitionNumber=index + 1,
-                FrameReferenceDateTime=f"{settings.date}000000",
-                FrameAcquisitionDateTime=f"{settings.date}000000",
-                FrameAcquisitionDuration=1e3 * SECONDS_PER_PROJECTION,
-                StackID="1",
-                InStackPositionNumber=index + 1,
+            "FrameContentSequence": frame_content(
+                settings, index + 1, index + 1, SECONDS_PER_PROJECTION
             ),
             "PositionerPositionSequence": sequence_of(
-                PositionerPrimaryAngle=_decimal(positioner_angle_deg(gantry.view) + _turn(gantry)),
+                PositionerPrimaryAngle=decimal_string(
+                    positioner_angle_deg(gantry.view) + _turn(gantry)
+                ),
                 PositionerPrimaryAngleDirection="CC",
                 PositionerSecondaryAngle="0",
             ),
             "XRayGeometrySequence": sequence_of(
                 DistanceSourceToIsocenter=gantry.source_to_detector_mm
                 - gantry.pivot_to_detector_mm,
-                DistanceSourceToDetector=_decimal(gantry.focal_spot_height_mm),
-                DistanceSourceToPatient=_decimal(to_support),
-                EstimatedRadiographicMagnificationFactor=_decimal(
+                DistanceSourceToDetector=decimal_string(gantry.focal_spot_height_mm),
+                DistanceSourceToPatient=decimal_string(to_support),
+                EstimatedRadiographicMagnificationFactor=decimal_string(
                     gantry.focal_spot_height_mm / to_support
                 ),
             ),
@@ -263,12 +249,12 @@ def _frame(series: Tomosynthesis, index: int, settings: ExportSettings) -> Datas
                 ],
             ),
             "XRayAcquisitionDoseSequence": sequence_of(
-                KVP=_decimal(series.middle.kvp),
+                KVP=decimal_string(series.middle.kvp),
                 ExposureInmAs=load,
                 ExposureTimeInms=1e3 * load / TUBE_CURRENT_MA,
-                EntranceDoseInmGy=_decimal(series.air_kerma_mgy * load / series.mas),
-                HalfValueLayer=_decimal(series.middle.hvl_mm_al),
-                OrganDose=_decimal(series.dose_mgy * part / 100.0),  # dGy
+                EntranceDoseInmGy=decimal_string(series.air_kerma_mgy * load / series.mas),
+                HalfValueLayer=decimal_string(series.middle.hvl_mm_al),
+                OrganDose=decimal_string(series.dose_mgy * part / 100.0),  # dGy
             ),
             "FrameDetectorParametersSequence": sequence_of(
                 DetectorActiveTime="0", DetectorActivationOffsetFromExposure="0"
@@ -291,7 +277,3 @@ def _turn(gantry: Gantry) -> float:
     to which a positive tube angle turns, is the patient's left.
     """
     return -gantry.tube_angle_deg
-
-
-def _decimal(value: float) -> str:
-    return f"{value:.6g}"

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
+from typing import Any
 
 import highdicom as hd
 import numpy as np
+from numpy.typing import NDArray
 from pydicom import Dataset
 from pydicom.sr.coding import Code
 
 from mammosim._version import VERSION
 from mammosim.acquisition import Mammogram
-from mammosim.export.atomic import whole_file
 from mammosim.export.derived_objects import place_in_study, settle
 from mammosim.export.dicom import mammogram_dataset
-from mammosim.export.dicom_modules import (
-    long_string,
-)
+from mammosim.export.dicom_modules import long_string, save_object
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.orientation import patient_orientation
@@ -69,8 +68,7 @@ def write_segmentation(
     description and in its Tracking ID in any case.
     """
     segmentation = segmentation_dataset(masks, mammogram, study, settings)
-    with whole_file(path) as part:
-        segmentation.save_as(part, enforce_file_format=True)
+    save_object(segmentation, path)
 
 
 def segmentation_dataset(
@@ -82,22 +80,15 @@ def segmentation_dataset(
     """Make the segmentation; the parameters are `write_segmentation`'s."""
     view = mammogram.gantry.view
     source = mammogram_dataset(mammogram, "presentation", study, settings)
-    segmentation = hd.seg.Segmentation(
-        source_images=[source],
-        pixel_array=np.stack([lesion.mask for lesion in masks], axis=-1)[np.newaxis],
-        segmentation_type=hd.seg.SegmentationTypeValues.BINARY,
-        segment_descriptions=[
-            segment_description(number, lesion.target, study)
-            for number, lesion in enumerate(masks, start=1)
-        ],
-        **place_in_study(study, "segmentation", view),
-        manufacturer_model_name="mammosim",
-        software_versions=VERSION,
-        device_serial_number="simulated",
+    segmentation = lesion_segmentation(
+        source,
+        np.stack([lesion.mask for lesion in masks], axis=-1)[np.newaxis],
+        [lesion.target for lesion in masks],
+        study,
+        place_in_study(study, "segmentation", view),
         pixel_measures=hd.PixelMeasuresSequence(
             pixel_spacing=source.PixelSpacing, slice_thickness=mammogram.thickness_mm
         ),
-        content_label="LESIONS",
         content_description="Where each simulated lesion projects",
         # highdicom wants one frame at least, and keeps empty ones if it is told to.
         omit_empty_frames=any(lesion.mask.any() for lesion in masks),
@@ -106,7 +97,47 @@ def segmentation_dataset(
     return segmentation
 
 
-def segment_description(
+def lesion_segmentation(
+    source: Dataset,
+    pixels: NDArray[np.bool_],
+    targets: Sequence[Target],
+    study: StudyIdentity,
+    place: Mapping[str, Any],
+    **own: Any,
+) -> hd.seg.Segmentation:
+    """Make a binary segmentation with a segment a lesion.
+
+    Parameters
+    ----------
+    source : pydicom.Dataset
+        The object that it refers to.
+    pixels : ndarray of bool, [frame, row, column, segment]
+    targets : sequence of Target
+        One a segment.
+    study : StudyIdentity
+    place : mapping
+        See `place_in_study`.
+    **own
+        What `highdicom.seg.Segmentation` takes besides.
+    """
+    return hd.seg.Segmentation(
+        source_images=[source],
+        pixel_array=pixels,
+        segmentation_type=hd.seg.SegmentationTypeValues.BINARY,
+        segment_descriptions=[
+            _segment_description(number, target, study)
+            for number, target in enumerate(targets, start=1)
+        ],
+        **place,
+        manufacturer_model_name="mammosim",
+        software_versions=VERSION,
+        device_serial_number="simulated",
+        content_label="LESIONS",
+        **own,
+    )
+
+
+def _segment_description(
     number: int, target: Target, study: StudyIdentity
 ) -> hd.seg.SegmentDescription:
     """What a segment stands for: kind, name and target id of a lesion."""
@@ -142,6 +173,10 @@ def _settle(
     # but a projection has none, and viewers that find one make a volume of the shadow.
     del segmentation.SharedFunctionalGroupsSequence[0].PixelMeasuresSequence
     segmentation.PatientOrientation = patient_orientation(view)
-    organization = study.uid("dimensions", view.folder)
+    set_dimensions(segmentation, study.uid("dimensions", view.folder))
+
+
+def set_dimensions(segmentation: Dataset, uid: str) -> None:
+    """Replace the random UID of the frames' dimensions."""
     for item in (*segmentation.DimensionOrganizationSequence, *segmentation.DimensionIndexSequence):
-        item.DimensionOrganizationUID = organization
+        item.DimensionOrganizationUID = uid

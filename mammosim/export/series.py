@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition import Tomosynthesis
-from mammosim.export.dicom_modules import Intent
+from mammosim.export.dicom_modules import Intent, save_object
 from mammosim.export.gantry_file import write_geometry
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.path_lengths import write_path_lengths
@@ -23,7 +23,7 @@ from mammosim.export.pictures import (
 from mammosim.export.projection_objects import write_projections
 from mammosim.export.settings import ExportSettings
 from mammosim.export.slice_masks import SliceMask, write_slice_masks
-from mammosim.export.slice_objects import write_slice_object
+from mammosim.export.slice_objects import slice_dataset
 from mammosim.export.volumes import write_slices
 from mammosim.projection import PathLengths
 from mammosim.reconstruction import Reconstruction
@@ -110,10 +110,11 @@ def write_reconstruction(
     if settings.volumes:
         write_slices(volume, folder / SLICES)
     if settings.dicom:
-        write_slice_object(series, volume, folder / "reconstruction.dcm", study, settings)
+        slices = slice_dataset(series, volume, study, settings)
+        save_object(slices, folder / "reconstruction.dcm")
         if any(one.mask.any() for one in masks):
             path = folder / "reconstruction_lesions.dcm"
-            write_slice_masks(masks, series, volume, path, study, settings)
+            write_slice_masks(masks, slices, volume, path, study, settings)
 
 
 def series_geometry(series: Tomosynthesis) -> dict[str, Any]:

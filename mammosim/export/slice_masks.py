@@ -10,17 +10,15 @@ from os import PathLike
 import highdicom as hd
 import numpy as np
 from numpy.typing import NDArray
+from pydicom import Dataset
 from pydicom.uid import ExplicitVRLittleEndian
 
-from mammosim._version import VERSION
-from mammosim.acquisition import Tomosynthesis
 from mammosim.compression import CompressedBreast
-from mammosim.export.atomic import whole_file
 from mammosim.export.derived_objects import place_in_study, settle
+from mammosim.export.dicom_modules import save_object
 from mammosim.export.identity import StudyIdentity
-from mammosim.export.segmentation import segment_description
+from mammosim.export.segmentation import lesion_segmentation, set_dimensions
 from mammosim.export.settings import ExportSettings
-from mammosim.export.slice_objects import slice_dataset
 from mammosim.reconstruction import Reconstruction
 from mammosim.targets import Target
 
@@ -117,7 +115,7 @@ def _labels_at(squeezed: CompressedBreast, points_mm: NDArray[np.float64]) -> ND
 
 def write_slice_masks(
     masks: Sequence[SliceMask],
-    series: Tomosynthesis,
+    slices: Dataset,
     volume: Reconstruction,
     path: str | PathLike[str],
     study: StudyIdentity,
@@ -129,9 +127,9 @@ def write_slice_masks(
     ----------
     masks : sequence of SliceMask
         At least one of them with a voxel.
-    series : Tomosynthesis
+    slices : pydicom.Dataset
+        The object of the slices, which the segmentation refers to.
     volume : Reconstruction
-        The segmentation refers to its object.
     path : path
     study : StudyIdentity
     settings : ExportSettings
@@ -142,7 +140,6 @@ def write_slice_masks(
         If the file cannot be written.
     """
     view, grid = volume.gantry.view, volume.grid
-    source = slice_dataset(series, volume, study, settings)
     occupied = sorted(
         {one.first[0] + int(k) for one in masks for k in np.flatnonzero(one.mask.any(axis=(1, 2)))}
     )
@@ -153,26 +150,19 @@ def write_slice_masks(
         for frame, slice_ in enumerate(occupied):
             if 0 <= slice_ - one.first[0] < depth:
                 pixels[frame, :, :, number][part] = one.mask[slice_ - one.first[0]]
-    shared = source.SharedFunctionalGroupsSequence[0]
-    places = [source.PerFrameFunctionalGroupsSequence[k].PlanePositionSequence for k in occupied]
-    segmentation = hd.seg.Segmentation(
-        source_images=[source],
-        pixel_array=pixels,
-        segmentation_type=hd.seg.SegmentationTypeValues.BINARY,
-        segment_descriptions=[
-            segment_description(number, one.target, study)
-            for number, one in enumerate(masks, start=1)
-        ],
-        **place_in_study(study, "slice segmentation", view),
-        manufacturer_model_name="mammosim",
-        software_versions=VERSION,
-        device_serial_number="simulated",
+    shared = slices.SharedFunctionalGroupsSequence[0]
+    places = [slices.PerFrameFunctionalGroupsSequence[k].PlanePositionSequence for k in occupied]
+    segmentation = lesion_segmentation(
+        slices,
+        pixels,
+        [one.target for one in masks],
+        study,
+        place_in_study(study, "slice segmentation", view),
         pixel_measures=hd.PixelMeasuresSequence.from_sequence(shared.PixelMeasuresSequence),
         plane_orientation=hd.PlaneOrientationSequence.from_sequence(
             shared.PlaneOrientationSequence
         ),
         plane_positions=[hd.PlanePositionSequence.from_sequence(place) for place in places],
-        content_label="LESIONS",
         content_description="Where each simulated lesion is",
         transfer_syntax_uid=ExplicitVRLittleEndian,
     )
@@ -180,8 +170,5 @@ def write_slice_masks(
         segmentation, study, settings, "slice segmentation", view, " lesions in slices",
         is_image=True,
     )  # fmt: skip
-    organization = study.uid("slice dimensions", view.folder)
-    for item in (*segmentation.DimensionOrganizationSequence, *segmentation.DimensionIndexSequence):
-        item.DimensionOrganizationUID = organization
-    with whole_file(path) as part_file:
-        segmentation.save_as(part_file, enforce_file_format=True)
+    set_dimensions(segmentation, study.uid("slice dimensions", view.folder))
+    save_object(segmentation, path)

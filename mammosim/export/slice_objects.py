@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from os import PathLike
-
 import numpy as np
 from numpy.typing import NDArray
 from pydicom import Dataset
@@ -12,15 +10,15 @@ from pydicom.uid import BreastTomosynthesisImageStorage
 
 from mammosim._version import VERSION
 from mammosim.acquisition import Tomosynthesis
-from mammosim.export.atomic import whole_file
-from mammosim.export.dicom_modules import set_attributes
+from mammosim.export.dicom_modules import pixel_format, set_attributes, set_identity
 from mammosim.export.enhanced_modules import (
     SECONDS_PER_PROJECTION,
-    finished,
     frame_anatomy,
+    frame_content,
     item_of,
     sequence_of,
     series_and_equipment,
+    values_as_stored,
 )
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.settings import ExportSettings
@@ -30,44 +28,28 @@ from mammosim.reconstruction import Reconstruction
 BITS = 12
 """Bits of a pixel."""
 
+LARGEST = (1 << BITS) - 1
+IMAGE_TYPE = ["DERIVED", "PRIMARY", "TOMOSYNTHESIS", "NONE"]
+
 _METHODS = {
     "fdk": ("FILTER_BACK_PROJ", "Feldkamp, Davis and Kress"),
     "sart": ("ITERATIVE", "SART"),
 }
 
 
-def write_slice_object(
-    series: Tomosynthesis,
-    volume: Reconstruction,
-    path: str | PathLike[str],
-    study: StudyIdentity,
-    settings: ExportSettings,
-) -> None:
-    """Write the slices as one Breast Tomosynthesis Image object.
+def slice_dataset(
+    series: Tomosynthesis, volume: Reconstruction, study: StudyIdentity, settings: ExportSettings
+) -> Dataset:
+    """Make one Breast Tomosynthesis Image object of all slices.
 
     Parameters
     ----------
     series : Tomosynthesis
         What they were reconstructed from.
     volume : Reconstruction
-    path : path
     study : StudyIdentity
     settings : ExportSettings
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
     """
-    dataset = slice_dataset(series, volume, study, settings)
-    with whole_file(path) as part:
-        dataset.save_as(part, enforce_file_format=True)
-
-
-def slice_dataset(
-    series: Tomosynthesis, volume: Reconstruction, study: StudyIdentity, settings: ExportSettings
-) -> Dataset:
-    """Make the object; the parameters are `write_slice_object`'s."""
     view, (count, rows, columns) = volume.gantry.view, volume.grid.shape
     low, high = volume.shown_range
     dataset = Dataset()
@@ -84,14 +66,8 @@ def slice_dataset(
                 f"Simulated image. Attenuation coefficient in 1/mm: {low:.6g} + "
                 f"{(high - low) / LARGEST:.6g} * pixel value"
             ),
-            "SamplesPerPixel": 1,
+            **pixel_format(rows, columns, BITS),
             "NumberOfFrames": str(count),
-            "Rows": rows,
-            "Columns": columns,
-            "BitsAllocated": 16,
-            "BitsStored": BITS,
-            "HighBit": BITS - 1,
-            "PixelRepresentation": 0,
             "XRay3DReconstructionSequence": _method(volume),
             "SharedFunctionalGroupsSequence": Sequence([_shared(volume)]),
             "PerFrameFunctionalGroupsSequence": Sequence(_frames(series, volume, settings)),
@@ -100,11 +76,8 @@ def slice_dataset(
         set_attributes(dataset, attributes)
     dataset.PixelData = pixels_of(volume, low, high).astype("<u2", copy=False).tobytes()
     uid = study.uid("image", view.folder, "slices")
-    return finished(dataset, BreastTomosynthesisImageStorage, uid)
-
-
-IMAGE_TYPE = ["DERIVED", "PRIMARY", "TOMOSYNTHESIS", "NONE"]
-LARGEST = (1 << BITS) - 1
+    set_identity(dataset, BreastTomosynthesisImageStorage, uid)
+    return dataset
 
 
 def pixels_of(volume: Reconstruction, low: float, high: float) -> NDArray[np.uint16]:
@@ -148,14 +121,7 @@ def _shared(volume: Reconstruction) -> Dataset:
                 ImageOrientationPatient=[_decimal(value) for value in along[:, :2].T.ravel()]
             ),
             "FrameAnatomySequence": frame_anatomy(volume.gantry.view),
-            "PixelValueTransformationSequence": sequence_of(
-                RescaleIntercept="0", RescaleSlope="1", RescaleType="US"
-            ),
-            "FrameVOILUTSequence": sequence_of(
-                WindowCenter=f"{0.5 * (LARGEST + 1):g}",
-                WindowWidth=f"{LARGEST + 1}",
-                WindowCenterWidthExplanation="Whole range",
-            ),
+            **values_as_stored(BITS),
         }
     )
 
@@ -165,18 +131,11 @@ def _frames(
 ) -> list[Dataset]:
     """Functional groups of each slice."""
     first_mm, steps_mm = slices_in_patient(volume)
-    duration_ms = 1e3 * SECONDS_PER_PROJECTION * len(series.gantries)
+    duration_s = SECONDS_PER_PROJECTION * len(series.gantries)
     return [
         item_of(
             {
-                "FrameContentSequence": sequence_of(
-                    FrameAcquisitionNumber=1,
-                    FrameReferenceDateTime=f"{settings.date}000000",
-                    FrameAcquisitionDateTime=f"{settings.date}000000",
-                    FrameAcquisitionDuration=duration_ms,
-                    StackID="1",
-                    InStackPositionNumber=number + 1,
-                ),
+                "FrameContentSequence": frame_content(settings, 1, number + 1, duration_s),
                 "XRay3DFrameTypeSequence": sequence_of(
                     FrameType=IMAGE_TYPE,
                     PixelPresentation="MONOCHROME",

@@ -58,9 +58,7 @@ def write_labels(
     InputError
         If the file cannot be written.
     """
-    image = sitk.GetImageFromArray(np.ascontiguousarray(labels.transpose(2, 1, 0)))
-    _place(image, frame, rotation)
-    _write(image, path, labels.nbytes)
+    _write_scalars(labels, frame, rotation, path)
 
 
 def write_displacement(field: DisplacementField, path: str | PathLike[str]) -> None:
@@ -125,9 +123,8 @@ def write_dose_map(dose: DoseMap, gantry: Gantry, path: str | PathLike[str]) -> 
     shift = np.array([gantry.detector_edge_mm, 0.0, gantry.support_z_mm])
     first = dose.origin_mm + 0.5 * dose.spacing_mm + shift
     nx, ny, nz = dose.mgy.shape
-    image = sitk.GetImageFromArray(np.ascontiguousarray(dose.mgy.transpose(2, 1, 0)))
-    _place(image, VoxelFrame(first, dose.spacing_mm, (nx, ny, nz)), gantry.view.rotation)
-    _write(image, path, dose.mgy.nbytes)
+    frame = VoxelFrame(first, dose.spacing_mm, (nx, ny, nz))
+    _write_scalars(dose.mgy, frame, gantry.view.rotation, path)
 
 
 def write_slices(volume: Reconstruction, path: str | PathLike[str]) -> None:
@@ -254,6 +251,17 @@ def _place(image: sitk.Image, frame: VoxelFrame, rotation: NDArray[np.float64]) 
     image.SetSpacing([float(step) for step in frame.spacing_mm])
     image.SetOrigin([float(at) for at in to_lps @ frame.origin_mm])
     image.SetDirection([float(cosine) for cosine in to_lps.ravel()])
+
+
+def _write_scalars(
+    values: NDArray[Any],
+    frame: VoxelFrame,
+    rotation: NDArray[np.float64],
+    path: str | PathLike[str],
+) -> None:
+    image = sitk.GetImageFromArray(np.ascontiguousarray(values.transpose(2, 1, 0)))
+    _place(image, frame, rotation)
+    _write(image, path, values.nbytes)
 
 
 def _write(image: sitk.Image, path: str | PathLike[str], data_bytes: int) -> None:
