@@ -51,12 +51,12 @@ class Limit:
 LIMITS: tuple[Limit, ...] = (
     Limit(
         "paddle_force_n", "force on the paddle", "N", LOW_FORCE_N, 200.0, 2000.0,
-        "check thickness, stiffness and the plates' edge: a real paddle does not exceed the upper "
-        "limit, and of its force about a fifth bears on the breast itself, the rest on tissue at "
-        "the chest wall, which plates in front of it miss",
-        "the fifth: 28 women under sensors (Dustler et al. 2021, Acta Radiol 62:1583). "
-        f"high: {_MQSA}. Low and error: assumed; 49 to 186 N were measured in 560 women "
-        "(Sullivan et al. 1991, Radiology 181:355)",
+        "check thickness, stiffness and the plates' edge; about a fifth of a clinical force bears "
+        "on the breast itself",
+        "the fifth: 28 women under sensors, the rest on tissue at the chest wall, which plates in "
+        f"front of it miss (Dustler et al. 2021, Acta Radiol 62:1583). High: {_MQSA}. Low and "
+        "error: assumed; 49 to 186 N were measured in 560 women (Sullivan et al. 1991, Radiology "
+        "181:355)",
     ),
     Limit(
         "mean_pressure_kpa", "mean pressure under the paddle", "kPa", -math.inf, 40.0, math.inf,
@@ -67,8 +67,8 @@ LIMITS: tuple[Limit, ...] = (
     Limit(
         "force_imbalance_percent", "difference between the forces on paddle and support", "%",
         -math.inf, 5.0, 50.0,
-        "the plates are not level with the breast, so that the chest wall carries the rest: leave "
-        "the heights out, and they are found; or the solver is not at equilibrium",
+        "the chest wall carries the rest; check the plates' heights (balanced if left out) and the "
+        "solver's tolerance",
         "assumed: without gravity the two forces differ only by what the chest wall carries, "
         "which nobody measures; a technologist levels the support with the breast",
     ),

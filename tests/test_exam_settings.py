@@ -65,7 +65,8 @@ def test_one_breast_is_the_run_that_it_was():
 
 def test_the_plan_of_an_exam_holds_both_breasts():
     one, both = (make_plan(config(laterality=sides)) for sides in ("L", ["R", "L"]))
-    assert [line[:2] for line in both.lines] == ["R:"] * 3 + ["L:"] * 3
+    named = [line.split(":")[0] for line in both.lines]
+    assert named == ["R", "RCC", "RMLO", "L", "LCC", "LMLO"]
     assert both.memory_gb > one.memory_gb
     assert 1.2 * one.minutes < both.minutes < 2.5 * one.minutes
 
@@ -82,7 +83,7 @@ def test_the_plan_of_an_exam_holds_both_breasts():
         ),
         (
             {"phantom": {"generate": {}, "lesions": LESIONS}},
-            "which breast is imaged is left out; say it with laterality",
+            "which breast is imaged is not known; set laterality",
         ),
         (
             {"laterality": ["L", "R"], "phantom": {"file": "both.mhd"}},

@@ -47,7 +47,7 @@ class CompressedBreast:
         Young's modulus at rest of each lattice node (`springs`), or of each element, the cell
         after its node (`hyperelastic`), kPa; 0 in air. None where nothing was computed.
     posture : {"standing", "prone", "supine"}, optional
-        How the woman holds herself, where weight alone moved tissue (`in_posture`).
+        How the woman stands or lies, where only weight moved tissue (`in_posture`).
     """
 
     phantom: BreastPhantom

@@ -69,15 +69,13 @@ def compress(
     """
     settings = given_settings(CompressionSettings, settings, keys, "compress()", ("compression",))
     if isinstance(view, str):
-        spot = settings.paddle is not None and settings.paddle.is_spot
-        view = View(view, breast.laterality, settings.mlo_angle_deg, spot=spot)
+        view = View(view, breast.laterality, settings.mlo_angle_deg, spot=settings.spot)
     view = view_of_compressed(breast, view)
     held = as_held(breast, view.rotation[1])
     model = MODELS[settings.model]
     squeezed: CompressedBreast = model.compress(held, view, settings, seed, watch)
-    if model.compresses:
-        again = held_before(breast, view, compresses=True)
-        squeezed = replace(squeezed, notes=(*squeezed.notes, *again))
+    before = held_before(breast, view, model.compresses)
+    squeezed = replace(squeezed, notes=(*squeezed.notes, *before))
     if squeezed.interrupted:
         raise Interrupted(f"{view.folder}: compression was interrupted", squeezed)
     if not squeezed.converged:

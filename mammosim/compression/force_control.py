@@ -1,4 +1,4 @@
-"""Plates' place: as it is given, where they press alike, or where the paddle bears a force."""
+"""Where the plates stand: as given, where they press alike, or where the paddle bears a force."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def settled(
 
 
 def reach_force(
-    middle: Plates,
+    start: Plates,
     height_mm: float,
     wanted_n: float,
     balance: BalancedHeight,
@@ -74,8 +74,8 @@ def reach_force(
 
     Parameters
     ----------
-    middle : Plates
-        Any plates: their edge is kept, and their height is where the search of balance starts.
+    start : Plates
+        Any plates: their edge is kept, and the search for the balanced height starts from theirs.
     height_mm : float
         Height of the breast, mm.
     wanted_n : float
@@ -96,7 +96,7 @@ def reach_force(
     """
 
     def at(gap: float, before: Tried[S] | None) -> Tried[S]:
-        near = before.plates if before else middle
+        near = before.plates if before else start
         plates = balance.placed(near.at_height(near.centre_mm, gap))
         tried = Tried(plates, *solve(plates, before.state if before else None))
         if tried.state.converged:

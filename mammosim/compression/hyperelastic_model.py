@@ -116,7 +116,7 @@ def compress_hyperelastic(
     -----
     W = mu/2 (J^(-2/3) I1 - 3) + kappa/2 (J - 1)^2, the volume being kept on the mean of an element;
     skin is a membrane in tension, fascia an elastic layer behind the breast (`hyperelastic`). No
-    gravity, friction or bending of the plates; time plays no part.
+    friction or bending of the plates; time plays no part.
     """
     mesh, plates, notes = body_between_plates(breast, view, settings, lattice_shift)
     edge_mm = float(mesh.nodes.spacing_mm[0])
@@ -143,14 +143,15 @@ def compress_hyperelastic(
         levelled = level_paddle(stages, plates, state, tilt.spring_nm_per_deg, tilt.max_deg)
         plates, state = levelled.plates, levelled.state
         if levelled.stopped:
-            notes = (*notes, f"the paddle tilts up to its stop at {tilt.max_deg:g} degrees")
+            stop = f"{view.folder}: the paddle tilts as far as its stop at {tilt.max_deg:g} degrees"
+            notes = (*notes, stop)
     return _result(breast, view, stages, plates, state, notes)
 
 
 class _CoarseBody:
     """A coarse body without weight, on which the height of the plates is sought.
 
-    Each place starts from the one before.
+    The solution at each height starts from the one before.
     """
 
     def __init__(self, stages: Stages) -> None:
@@ -173,7 +174,7 @@ class _CoarseBody:
         return plate_forces(self._stages.contact(self._level, plates), state, edge_mm)
 
     def start(self, plates: Plates) -> State | None:
-        """State of the body after the mesh itself, if it is known at or near a place of plates."""
+        """State of the next coarser body than the mesh, if it is known near a place of plates."""
         if self._level == 1 and _is_near(self._before, plates):
             return self._before.state
         return None
@@ -292,14 +293,14 @@ def _result(
         place = weakest_place(mesh, state, view.rotation)
         notes = (
             *notes,
-            f"{measures['inverted_cells']:.0f} elements are folded, the worst at "
+            f"{view.folder}: {measures['inverted_cells']:.0f} elements are folded, the worst at "
             f"({place[0]:.1f}, {place[1]:.1f}, {place[2]:.1f}) mm",
         )
     if not state.converged and state.last.out_of_balance > 0.0:
         place = unbalanced_place(mesh, state, view.rotation)
         notes = (
             *notes,
-            "the largest unbalanced force is at "
+            f"{view.folder}: the largest unbalanced force is at "
             f"({place[0]:.1f}, {place[1]:.1f}, {place[2]:.1f}) mm",
         )
     return CompressedBreast(

@@ -118,7 +118,9 @@ def build_lattice(
             f"{resolution_mm}; use a finer resolution"
         )
     apart = int(np.count_nonzero(tissue) - np.count_nonzero(held))
-    notes = (f"{apart} lattice nodes are not tied to the chest wall and were left out",)
+    notes = (
+        f"{view.folder}: {apart} lattice nodes are not tied to the chest wall and were left out",
+    )
     modulus[~held] = 0.0
     return Lattice(frame, modulus, held & (muscle >= 0.5), notes if apart else ())
 

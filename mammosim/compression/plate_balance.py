@@ -11,11 +11,11 @@ import numpy as np
 from mammosim.compression.plates import Plates
 
 BALANCED = 0.04
-"""Difference of the two forces, of the larger one, that is left: below the 5 % from which a result
-is doubtful."""
+"""Largest difference of the two forces that is left, relative to the larger one: below the 5 % from
+which a result is doubtful."""
 
 BALANCED_COARSE = 0.02
-"""The same of the coarse copy on which the height is sought."""
+"""The same on the coarse copy on which the height is sought."""
 
 MAX_TRIALS = 12
 """Heights that are tried at one gap; 3 to 5 are usual."""
@@ -71,7 +71,7 @@ before."""
 
 @dataclass(eq=False)
 class BalancedHeight:
-    """Finds the height of both plates at which a breast pushes no more down than up.
+    """Finds the height of both plates at which a breast presses on both alike.
 
     Parameters
     ----------
@@ -85,11 +85,11 @@ class BalancedHeight:
 
     Notes
     -----
-    A technologist brings the support to the breast, and the breast to the height of the support;
-    what the plates do not share, the chest wall would have to bear in shear. The higher both
-    plates, the more the support presses and the less the paddle: the difference has one zero. It is
-    found on a coarse copy (a secant inside a bracket), and then corrected by what the breast itself
-    shows, with the slope that the copy had.
+    A technologist levels the breast support with the breast; the chest wall would have to bear in
+    shear any difference between the two forces. The higher both plates stand, the more the support
+    presses and the less the paddle: the difference has one zero. It is found on a coarse copy (a
+    secant inside a bracket), and then corrected by the forces on the breast itself, with the
+    copy's slope.
     """
 
     forces: Callable[[Plates], PlateForces | None]
@@ -140,7 +140,7 @@ class BalancedHeight:
         return not self.weightless or abs(forces.imbalance) <= BALANCED
 
     def corrected(self, plates: Plates, forces: PlateForces) -> Plates:
-        """Plates moved by what the breast itself showed at a height."""
+        """Plates moved by what the forces on the breast itself, at that height, call for."""
         if not self.weightless:
             return plates
         move = -forces.imbalance * plates.thickness_mm / self._slope

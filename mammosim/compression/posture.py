@@ -1,4 +1,4 @@
-"""The breast without plates, drawn by its weight as the woman stands or lies."""
+"""The breast without plates, pulled by its weight as the woman stands or lies."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from mammosim.compression.hyperelastic.stages import HISTORY, Stages
 from mammosim.compression.hyperelastic_model import elements_of, field_of
 from mammosim.compression.plates import Plates
 from mammosim.compression.settings import CompressionSettings
+from mammosim.compression.spring_case import DOWN
 from mammosim.errors import Interrupted, NotConverged
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom, as_held
@@ -19,7 +20,7 @@ from mammosim.phantom import BreastPhantom, as_held
 Posture = Literal["standing", "prone", "supine"]
 
 DOWNWARD: dict[Posture, tuple[float, float, float]] = {
-    "standing": (0.0, 0.0, -1.0),
+    "standing": DOWN,
     "prone": (1.0, 0.0, 0.0),
     "supine": (-1.0, 0.0, 0.0),
 }
@@ -29,17 +30,17 @@ FAR_MM = 1e5
 """Height of plates that touch nothing."""
 
 EXPERIMENTAL = (
-    "the posture is experimental: the phantom's own shape is taken as free of weight, and moduli "
-    "of compression move a breast less than women's breasts move from prone to supine"
+    "the posture is experimental: the phantom's shape is taken as free of weight, and with the "
+    "moduli used for compression a breast moves less than women's breasts from prone to supine"
 )
-"""What a user must know of every answer."""
+"""What a user must know about every such result."""
 
 
 @one_blas_thread
 def in_posture(
     breast: BreastPhantom, view: View, settings: CompressionSettings, posture: Posture
 ) -> CompressedBreast:
-    """A breast that hangs from or lies on the chest wall under its weight.
+    """A breast without plates under its weight, hanging from the chest wall or lying on it.
 
     Parameters
     ----------

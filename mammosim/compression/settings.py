@@ -112,6 +112,9 @@ class TiltSettings(Settings):
         return self
 
 
+SMALL_PADDLE_MM = (180.0, 240.0)
+"""Depth and width of a paddle whose size is not given: those of the smaller usual image format."""
+
 SPOT_PADDLE_MM = 120.0
 """Longer side up to which a paddle is a spot paddle, mm. Assumed: those of clinical units have 60
 to 100 mm, and the next larger paddles, for the smaller image format, some 240 mm."""
@@ -120,7 +123,7 @@ to 100 mm, and the next larger paddles, for the smaller image format, some 240 m
 class PaddleSettings(Settings):
     """A paddle that covers only a part of the breast, or tilts (model `hyperelastic`)."""
 
-    size_mm: tuple[PaddleSize, PaddleSize] = (180.0, 240.0)
+    size_mm: tuple[PaddleSize, PaddleSize] = SMALL_PADDLE_MM
     """Depth (from the chest wall forward) and width of the paddle, mm; a spot paddle has some 60
     to 100 mm. Default: the smaller usual image format."""
 
@@ -131,11 +134,6 @@ class PaddleSettings(Settings):
 
     tilt: TiltSettings | None = None
     """How it is tilted; left out: not at all."""
-
-    @property
-    def is_spot(self) -> bool:
-        """Whether it is a spot paddle."""
-        return max(self.size_mm) <= SPOT_PADDLE_MM
 
 
 class CompressionSettings(Settings):
@@ -280,6 +278,11 @@ class CompressionSettings(Settings):
         young = self.stiffness_kpa.get("skin", young or SKIN_SHEETS["krouskop"])
         skin = self.skin or SkinSettings()
         return SkinSheet(young if skin.young_kpa is None else skin.young_kpa, skin.thickness_mm)
+
+    @property
+    def spot(self) -> bool:
+        """Whether the paddle is a spot paddle."""
+        return self.paddle is not None and max(self.paddle.size_mm) <= SPOT_PADDLE_MM
 
     @model_validator(mode="after")
     def _usual_of_the_model(self) -> Self:

@@ -49,7 +49,7 @@ def leave_uncompressed(
     edge = _first(settings.plate_edge_mm, held.edge_mm, low[0])
     return CompressedBreast(
         breast, view, "none", field, support, paddle, edge, True,
-        {"force_n": 0.0, "error_voxel": 0.0}, history, held_before(breast, view, compresses=False),
+        {"force_n": 0.0, "error_voxel": 0.0}, history,
     )  # fmt: skip
 
 
@@ -73,7 +73,7 @@ def held_before(breast: BreastPhantom, view: View, compresses: bool) -> tuple[st
         )
     if compresses:
         notes.append(
-            f"{view.folder}: the phantom was compressed before and is compressed once more; "
+            f"{view.folder}: the phantom was compressed before and is compressed again; "
             "compression.model: none leaves it as it is"
         )
     return tuple(notes)

@@ -25,18 +25,17 @@ def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float
     dict
         `force_n` (on the paddle) and `support_force_n`; `contact_area_mm2` and
         `support_contact_area_mm2`, of the deformed surface that touches; `pressure_kpa` (mean over
-        the paddle's area); `front_force_n` and `front_pressure_kpa`, the same of the paddle further
+        the paddle's area); `front_force_n` and `front_pressure_kpa`, the same for the paddle more
         than 20 mm in front of the plates' edge; `volume_before_ml` and `volume_after_ml` of the
-        elements' tissue, their
-        `volume_ratio` and `volume_change_percent` (positive for a loss); `inverted_cells`, elements
-        with J <= 0 at any of nine points, of `cells`; `smallest_j`; `out_of_balance`, the norm of
-        the nodes' unbalanced forces over that of the plates' forces on them; `depth_mm`, how far
-        the surface is inside the plates (root mean square); `error_mm` and
-        `largest_error_mm`, the estimated distance of the nodes from equilibrium, mean and largest;
-        `skin_mm`, the skin's thickness, where it is a sheet.
+        elements' tissue, their `volume_ratio` and `volume_change_percent` (positive for a loss);
+        `inverted_cells`, elements with J <= 0 at any of nine points, of `cells`; `smallest_j`;
+        `out_of_balance`, the norm of the nodes' unbalanced forces over that of the plates' forces
+        on them; `depth_mm`, how far the surface is inside the plates (root mean square); `error_mm`
+        and `largest_error_mm`, the estimated distance of the nodes from equilibrium, mean and
+        largest; `skin_mm`, the skin's thickness, where it is a sheet.
     """
     edge = float(mesh.nodes.spacing_mm[0])
-    pressure, _ = contact.pressure(state.u)
+    pressure, push = contact.pressure(state.u)
     paddle_n, support_n = plate_forces(contact, state, edge)
     area = _touching_area(contact, state.u, pressure) * edge**2
     measures = {
@@ -46,7 +45,7 @@ def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float
         "support_contact_area_mm2": float(area[1]),
         "pressure_kpa": 1e3 * paddle_n / area[0] if area[0] > 0.0 else 0.0,
     }
-    measures.update(_front(contact, state.u, edge))
+    measures.update(_front(contact, state.u, pressure[0], push[0], edge))
     volume, smallest = _volumes(mesh, state)
     tissue = mesh.body.fraction * mesh.body.active
     before, after = float(tissue.sum()), float((tissue * volume).sum())
@@ -125,12 +124,17 @@ def _deformed_area(
     return np.asarray(np.linalg.norm(turned, axis=1) * points.area[some])
 
 
-def _front(contact: Contact, u: NDArray[np.float64], edge_mm: float) -> dict[str, float]:
+def _front(
+    contact: Contact,
+    u: NDArray[np.float64],
+    pressure: NDArray[np.float64],
+    push: NDArray[np.float64],
+    edge_mm: float,
+) -> dict[str, float]:
     """Force and mean pressure of the paddle on the breast itself, away from the chest wall."""
-    pressure, push = contact.pressure(u)
     start = contact.plates[1].edge + FRONT_MM / edge_mm
-    front = (pressure[0] > 0.0) & (contact.points.places(u)[:, 0] > start)
-    force = -float((pressure[0] * push[0, :, 2] * contact.points.area)[front].sum())
+    front = (pressure > 0.0) & (contact.points.places(u)[:, 0] > start)
+    force = -float((pressure * push[:, 2] * contact.points.area)[front].sum())
     area = float(_deformed_area(contact.points, u, front).sum())
     return {
         "front_force_n": force * edge_mm**2 * 1e-3,

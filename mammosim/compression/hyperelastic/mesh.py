@@ -134,7 +134,7 @@ def build_mesh(
         )
     body = replace(body, structure=_structure(breast, view, blocks, body, support))
     apart = int(np.count_nonzero(solid & ~body.active))
-    notes = (f"{apart} elements are not tied to the chest wall and were left out",)
+    notes = (f"{view.folder}: {apart} elements are not tied to the chest wall and were left out",)
     modulus[~body.active] = 0.0
     return Mesh(
         body,

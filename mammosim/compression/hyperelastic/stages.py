@@ -137,12 +137,21 @@ class Stages:
         state = start or self._close(len(self.bodies) - 1, plates)
         for level in range(first, finest - 1, -1):
             u = interpolated(state.u, self.bodies[level + 1], self.bodies[level])
-            state = replace(state, u=u) if state.interrupted else self._settle(level, plates, u)
+            state = replace(state, u=u) if state.interrupted else self.settle(plates, u, level)
         return state
 
     def settle(self, plates: Plates, u: NDArray[np.float64], level: int = 0) -> State:
-        """State of one of the bodies between plates, from a displacement near it."""
-        return self._settle(level, plates, u)
+        """State of one of the bodies between plates, from a displacement near it.
+
+        Elements that the displacement folds are unfolded first.
+        """
+        local, least = UNFOLDING
+        softened = replace(self.bodies[level], local_part=local, least_volume=least)
+        state = self._minimise(softened, level, plates, u, ON_THE_WAY, UNFOLDED)
+        if state.interrupted:
+            return state
+        tolerance = self.tolerance if level == 0 else LOOSE
+        return self._minimise(self.bodies[level], level, plates, state.u, tolerance)
 
     def without_weight(self) -> Stages:
         """The same bodies, on which gravity does not act."""
@@ -153,19 +162,6 @@ class Stages:
             replace(body, structure=replace(body.structure, mass=None)) for body in self.bodies
         ]
         return weightless
-
-    def _settle(self, level: int, plates: Plates, u: NDArray[np.float64]) -> State:
-        """State of a body from a displacement that may have folded elements.
-
-        Those are unfolded first.
-        """
-        local, least = UNFOLDING
-        softened = replace(self.bodies[level], local_part=local, least_volume=least)
-        state = self._minimise(softened, level, plates, u, ON_THE_WAY, UNFOLDED)
-        if state.interrupted:
-            return state
-        tolerance = self.tolerance if level == 0 else LOOSE
-        return self._minimise(self.bodies[level], level, plates, state.u, tolerance)
 
     def _close(self, level: int, plates: Plates) -> State:
         """State of a body between plates that close from where they touch it, step by step."""
@@ -197,9 +193,9 @@ class Stages:
         corner, edge = self._frame(level)
         places = self.points[level].cells + self.points[level].local
         ahead = corner + edge * places[places[:, 0] > (plates.edge_mm - corner[0]) / edge]
-        beneath = (
-            ahead if plates.panel is None else ahead[plates.panel.covers(ahead, plates.edge_mm)]
-        )
+        beneath = ahead
+        if plates.panel is not None:
+            beneath = ahead[plates.panel.covers(ahead, plates.edge_mm)]
         low = float(ahead[:, 2].min())
         high = float(beneath[:, 2].max()) if len(beneath) else plates.paddle_z_mm
         return replace(

@@ -32,6 +32,18 @@ def panel_of(paddle: PaddleSettings | None, edge_mm: float) -> Panel | None:
     return Panel(back, back + depth, y - 0.5 * width, y + 0.5 * width, back + hinge, angle)
 
 
+def tissue_beyond_edge(lattice: Lattice, edge_mm: float) -> NDArray[np.bool_]:
+    """Tissue in front of the plates' edge at rest, [x, y, z].
+
+    Parameters
+    ----------
+    lattice : Lattice
+    edge_mm : float
+        Breast-frame x of the edge, mm.
+    """
+    return lattice.tissue & (_places_mm(lattice, 0) > edge_mm)[:, None, None]
+
+
 def covered_tissue(
     lattice: Lattice, edge_mm: float, panel: Panel | None, view: View
 ) -> NDArray[np.bool_]:
@@ -51,14 +63,10 @@ def covered_tissue(
     InputError
         If a paddle lies behind the plates' edge or beside the breast.
     """
-    x, y = (
-        lattice.frame.origin_mm[axis]
-        + lattice.frame.spacing_mm[axis] * np.arange(lattice.frame.shape[axis])
-        for axis in (0, 1)
-    )
-    ahead = lattice.tissue & (x > edge_mm)[:, None, None]
+    ahead = tissue_beyond_edge(lattice, edge_mm)
     if panel is None:
         return ahead
+    x, y = _places_mm(lattice, 0), _places_mm(lattice, 1)
     back, front = edge_mm + panel.back_mm, edge_mm + panel.front_mm
     found = (
         f"compression.paddle: found one from x = {back:.1f} to {front:.1f} mm and from "
@@ -80,3 +88,9 @@ def covered_tissue(
             f"y = {y0:.1f} to {y1:.1f} mm in {view.name}"
         )
     return covered
+
+
+def _places_mm(lattice: Lattice, axis: int) -> NDArray[np.float64]:
+    """Coordinate of each layer of nodes along an axis, compression frame, mm."""
+    frame = lattice.frame
+    return frame.origin_mm[axis] + frame.spacing_mm[axis] * np.arange(frame.shape[axis])

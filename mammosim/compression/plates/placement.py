@@ -14,7 +14,7 @@ from mammosim.compression.lattice import (
     breast_volume_ml,
     tissue_front,
 )
-from mammosim.compression.plates.paddle import covered_tissue, panel_of
+from mammosim.compression.plates.paddle import covered_tissue, panel_of, tissue_beyond_edge
 from mammosim.compression.plates.solids import Plates
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
@@ -72,7 +72,7 @@ def place_plates(
     lattice: Lattice,
     edge_mm: float,
 ) -> tuple[Plates, tuple[str, ...]]:
-    """Final place of the plates and what was assumed.
+    """Place of the plates and what was assumed.
 
     Parameters
     ----------
@@ -91,10 +91,10 @@ def place_plates(
 
     Notes
     -----
-    Where a breast has a way to the axilla, which stands higher than the breast, the plates meet at
-    the breast's own height, not at the middle of all tissue.
+    Where the settings give no heights, the search for the height at which both plates press alike
+    (`plate_balance`) starts here: from the middle of all tissue or, where a breast has a way to the
+    axilla, which stands higher than the breast, from the breast's own height.
     """
-    bottom, top = lattice.height_mm
     nodes = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * _layers(lattice)
     if not (nodes > edge_mm).any():
         raise InputError(
@@ -103,34 +103,45 @@ def place_plates(
         )
     panel = panel_of(settings.paddle, edge_mm)
     covered = covered_tissue(lattice, edge_mm, panel, view)
+    notes: tuple[str, ...] = ()
     if settings.support_z_mm is not None and settings.paddle_z_mm is not None:
         _check_heights(settings.support_z_mm, settings.paddle_z_mm, lattice, edge_mm, view)
         plates = Plates(settings.support_z_mm, settings.paddle_z_mm, edge_mm)
-        return (plates.shaped("panel", panel) if panel else plates), ()
-    thickness = settings.thickness_mm
-    notes: tuple[str, ...] = ()
-    low, high = heights_mm(lattice, covered)
-    height = high - low
-    if thickness is None:
-        volume_ml = breast_volume_ml(breast)
-        fitted = population_thickness_mm(view.name, volume_ml)
-        thickness = min(fitted, MOST_OF_HEIGHT * height)
-        if settings.force_n is None:
-            notes = (
-                f"{view.name}: thickness {thickness:.1f} mm from the population fit for "
-                f"{volume_ml:.0f} mL of breast",
-            )
-    elif thickness >= height:
-        raise InputError(
-            f"compression.thickness_mm: found {thickness:g}, but the breast between the plates is "
-            f"only {height:.1f} mm high in {view.name}; must be smaller"
-        )
-    if breast.open_end is not None:
-        middle = forward_height_mm(lattice, edge_mm)
     else:
-        middle = 0.5 * (bottom + top)
-    plates = Plates(middle - 0.5 * thickness, middle + 0.5 * thickness, edge_mm)
+        low, high = heights_mm(lattice, covered)
+        thickness, notes = _thickness_mm(settings, breast, view, high - low)
+        middle = 0.5 * sum(lattice.height_mm)
+        if breast.open_end is not None:
+            middle = forward_height_mm(lattice, edge_mm)
+        plates = Plates(middle - 0.5 * thickness, middle + 0.5 * thickness, edge_mm)
     return (plates.shaped("panel", panel) if panel else plates), notes
+
+
+def _thickness_mm(
+    settings: CompressionSettings, breast: BreastPhantom, view: View, height_mm: float
+) -> tuple[float, tuple[str, ...]]:
+    """Thickness that the settings give or, if they give none, a population's; and what was assumed.
+
+    Where a force is searched for, it is only the start, and nothing is assumed.
+    """
+    thickness = settings.thickness_mm
+    if thickness is not None:
+        if thickness >= height_mm:
+            raise InputError(
+                f"compression.thickness_mm: found {thickness:g}, but the breast between the plates "
+                f"is only {height_mm:.1f} mm high in {view.name}; must be smaller"
+            )
+        return thickness, ()
+    volume_ml = breast_volume_ml(breast)
+    fitted = population_thickness_mm(view.name, volume_ml)
+    thickness = min(fitted, MOST_OF_HEIGHT * height_mm)
+    if settings.force_n is not None:
+        return thickness, ()
+    note = (
+        f"{view.folder}: thickness not given; {thickness:.1f} mm from the population fit for a "
+        f"breast of {volume_ml:.0f} mL"
+    )
+    return thickness, (note,)
 
 
 def _check_heights(
@@ -151,11 +162,7 @@ def _check_heights(
 
 def heights_beyond_edge_mm(lattice: Lattice, edge_mm: float) -> tuple[float, float]:
     """Lowest and highest face of the tissue between the plates at rest, compression frame, mm."""
-    layers = _layers(lattice)
-    x = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * layers
-    ahead = lattice.tissue.copy()
-    ahead[: layers[x > edge_mm][0]] = False
-    return heights_mm(lattice, ahead)
+    return heights_mm(lattice, tissue_beyond_edge(lattice, edge_mm))
 
 
 def heights_mm(lattice: Lattice, tissue: NDArray[np.bool_]) -> tuple[float, float]:

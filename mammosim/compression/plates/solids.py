@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mammosim.compression.plates._panel_kernels import PanelPlate
 from mammosim.compression.plates._straight_kernels import StraightPlate
+from mammosim.compression.settings import SMALL_PADDLE_MM
 
 EDGE_RADIUS_MM = 3.0
 """Of the rounding at the plates' edge; the paddle of FDA's VICTRE has it."""
@@ -54,10 +55,6 @@ class Panel:
         )
 
 
-FILM_MM = (180.0, 240.0)
-"""Depth and width of a paddle whose size is not given: those of the smaller usual image format."""
-
-
 class PlatePlace(NamedTuple):
     """Where a plate is, in the units of a lattice.
 
@@ -92,8 +89,9 @@ def straight(place: PlatePlace) -> StraightPlate:
 
 
 def panel(place: PlatePlace) -> PanelPlate:
-    """A plate that ends on all sides and may be tilted; as long and wide as a film if not given."""
-    covered = place.panel or Panel(0.0, FILM_MM[0], -0.5 * FILM_MM[1], 0.5 * FILM_MM[1], 0.0)
+    """A plate that ends on all sides and may be tilted; of the usual size if that is not given."""
+    depth, width = SMALL_PADDLE_MM
+    covered = place.panel or Panel(0.0, depth, -0.5 * width, 0.5 * width, 0.0)
     spacing, angle = place.spacing_mm, np.deg2rad(covered.tilt_deg)
     return PanelPlate(
         place.face,

@@ -86,5 +86,5 @@ def _view_problems(sides: tuple[Side, ...], views: Sequence[ViewSettings]) -> li
 
 def _imaged(sides: tuple[Side, ...]) -> str:
     if not sides:
-        return "but which breast is imaged is left out; say it with laterality"
+        return "but which breast is imaged is not known; set laterality"
     return f"but only {sides[0]} is imaged" if len(sides) == 1 else "expected L or R"

@@ -150,7 +150,8 @@ def _check_shadows(config: RunConfig, breast: BreastPhantom) -> list[str]:
             found = check_shadow(compressed, view.projection, view.tomosynthesis)
             _check_volume(compressed, view)
         except InputError as error:
-            problems.append(f"{view.label}: {' '.join(error.problems)}, {_BY_ESTIMATE}")
+            said = " ".join(error.problems)
+            problems.append(f"{compressed.view.folder}: {said}, {_BY_ESTIMATE}")
         else:
             notes += [f"{note}, {_BY_ESTIMATE}" for note in found]
     if problems:
@@ -178,14 +179,9 @@ def _check_volume(compressed: CompressedBreast, view: ResolvedView) -> None:
     series, projection = view.tomosynthesis, view.projection
     if series is None or series.reconstruct is None:
         return
-    settings, shadow = series.reconstruct, cast_shadow(compressed, projection, series)
-    area = shadow.height_mm * shadow.width_mm
-    voxel_mm3 = (settings.pixel_mm or projection.pixel_mm) ** 2 * settings.slice_mm
-    check_reconstruction(
-        round(series.projections * area / projection.pixel_mm**2),
-        round(area * compressed.thickness_mm / voxel_mm3),
-        settings,
-    )
+    shadow = cast_shadow(compressed, projection, series)
+    sizes = view.reconstructed(shadow.height_mm * shadow.width_mm, compressed.thickness_mm)
+    check_reconstruction(*sizes, series.reconstruct)
 
 
 def _outlined_phantom(config: RunConfig) -> tuple[BreastPhantom, float]:

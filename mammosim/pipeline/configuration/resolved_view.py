@@ -70,11 +70,27 @@ class ResolvedView:
         series = self.tomosynthesis is not None
         held = self.compression
         return View(
-            self.view, laterality, held.mlo_angle_deg, series, title=self.title,
-            spot=held.paddle is not None and held.paddle.is_spot,
-        )  # fmt: skip
+            self.view, laterality, held.mlo_angle_deg, series, title=self.title, spot=held.spot
+        )
 
     @property
     def label(self) -> str:
         """What the run calls the view, as `CC` or `CC_DBT`."""
         return self.position("L").label
+
+    def reconstructed(self, shadow_mm2: float, thickness_mm: float) -> tuple[int, int]:
+        """Pixels of all projections that slices are made of, and voxels of the slices; 0 without.
+
+        Parameters
+        ----------
+        shadow_mm2 : float
+            Area of the breast's shadow over the arc, mm2.
+        thickness_mm : float
+            Of the compressed breast, mm.
+        """
+        series, pixel_mm = self.tomosynthesis, self.projection.pixel_mm
+        if series is None or series.reconstruct is None:
+            return 0, 0
+        voxel_mm3 = (series.reconstruct.pixel_mm or pixel_mm) ** 2 * series.reconstruct.slice_mm
+        pixels = round(series.projections * shadow_mm2 / pixel_mm**2)
+        return pixels, round(shadow_mm2 * thickness_mm / voxel_mm3)

@@ -121,8 +121,7 @@ class RunConfig(Settings):
 
     def of_side(self, laterality: str) -> Self:
         """The configuration for one breast alone."""
-        found = [one for one in self.sides if one.laterality in (laterality, None)]
-        return found[0]
+        return next(one for one in self.sides if one.laterality in (laterality, None))
 
     def _of_side(self, side: Side, number: int) -> Self:
         own: dict[str, Any] = {"phantom": self.phantom.of_side(side, first=number == 0)}

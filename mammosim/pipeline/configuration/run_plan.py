@@ -78,13 +78,9 @@ def make_plan(config: RunConfig) -> Plan:
     The size of a phantom is read from its header or from the generator's settings; nothing is
     computed.
     """
-    sides = [_plan_side(one) for one in config.sides]
-    both = len(sides) > 1
-    lines = [
-        f"{one.first_side}: {line}" if both else line
-        for one, side in zip(config.sides, sides, strict=True)
-        for line in side.lines
-    ]
+    both = len(config.sides) > 1
+    sides = [_plan_side(one, str(one.first_side) if both else "") for one in config.sides]
+    lines = [line for side in sides for line in side.lines]
     lines += _target_lines(config)
     memory = BASE_BYTES + COMPILER_BYTES + sum(side.voxels * BYTES_A_VOXEL for side in sides)
     memory += max(side.view_bytes for side in sides) * sum(side.views for side in sides)
@@ -106,10 +102,12 @@ class _SidePlan:
     seconds: float
 
 
-def _plan_side(config: RunConfig) -> _SidePlan:
-    side = config.first_side
-    voxels, voxel_volume_mm3 = expected_voxels(config.phantom, config.seed, side or "L")
-    lines = [_source(config.phantom, voxels)]
+def _plan_side(config: RunConfig, named: str) -> _SidePlan:
+    """Plan of one breast; its lines name the side if `named` does."""
+    side = config.first_side or "L"
+    voxels, voxel_volume_mm3 = expected_voxels(config.phantom, config.seed, side)
+    source = _source(config.phantom, voxels)
+    lines = [f"{named}: {source}" if named else source]
     kind = "file" if config.phantom.file else "generate"
     seconds = voxels * SECONDS_A_VOXEL[kind]
     largest = masks = 0.0
@@ -137,16 +135,14 @@ def _plan_side(config: RunConfig) -> _SidePlan:
         drawn = pixels * BYTES_A_DRAWN_PIXEL if draws > 1 else 0.0
         largest = max(largest, lattice_bytes + pixels * BYTES_A_PIXEL + stack + drawn)
         masks = max(masks, pixels * lesions * BYTES_A_LESION_PIXEL)
-        line = _view_line(view.label, compression, projection.pixel_mm, nodes, pixels)
+        name = named + view.label
+        line = _view_line(name, compression, projection.pixel_mm, nodes, pixels)
         if sweep and sweep.reconstruct is not None:
-            reconstruct, thickness_mm = sweep.reconstruct, compression.thickness_mm or USUAL_MM
-            pixel_mm = reconstruct.pixel_mm or projection.pixel_mm
-            voxel_mm3 = pixel_mm**2 * reconstruct.slice_mm
-            shadowed = SHADOW_SHARE * height * width * thickness_mm / voxel_mm3
-            used = round(SHADOW_SHARE * pixels * count)
-            slices_gb = reconstruction_gb(used, round(shadowed), reconstruct.method)
+            thickness_mm = compression.thickness_mm or USUAL_MM
+            used, made = view.reconstructed(SHADOW_SHARE * height * width, thickness_mm)
+            slices_gb = reconstruction_gb(used, made, sweep.reconstruct.method)
             largest = max(largest, 1e9 * slices_gb + stack)
-            seconds += reconstruction_seconds(count, round(shadowed), reconstruct)
+            seconds += reconstruction_seconds(count, made, sweep.reconstruct)
         if sweep:
             line += f", from {count} tube positions over {sweep.angle_range_deg:g} degrees"
         lines.append(line)
