@@ -60,7 +60,7 @@ _DAMAGED = (
 )  # fmt: skip
 """What reading a damaged file of the cache may raise."""
 
-_unkept: list[str] = []
+_cache_problems: list[str] = []
 
 
 class _Cache(FunctionCache):
@@ -71,38 +71,41 @@ class _Cache(FunctionCache):
     """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        try:
+        with self._may_fail("read"):
             return super().load_overload(sig, target_context)
-        except OSError as error:
-            _unkept.append(f"cannot be read: {error.strerror}")
-        except _DAMAGED:
-            with suppress(OSError):
-                self.flush()
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        try:
+        with self._may_fail("saved"):
             super().save_overload(sig, data)
+
+    @contextmanager
+    def _may_fail(self, what: str) -> Iterator[None]:
+        """Note a disk that fails; empty a damaged cache, so that it is written again."""
+        try:
+            yield
         except OSError as error:
-            _unkept.append(f"cannot be kept: {error.strerror}")
+            _cache_problems.append(f"cannot be {what}: {error.strerror}")
         except _DAMAGED:
             with suppress(OSError):
                 self.flush()
 
 
-def why_unkept() -> str:
-    """Why compiled kernels could not be read from, or kept on, the disk; empty if all were."""
-    return _unkept[0] if _unkept else ""
+def cache_problem() -> str:
+    """Why compiled kernels could not be read from, or saved on, the disk; empty if all were."""
+    return _cache_problems[0] if _cache_problems else ""
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-    """Compile a function at its first call, and keep what was compiled on the disk."""
+    """Compile a function at its first call, and keep the machine code on disk."""
     compiled = numba.njit(**_OPTIONS, **options)(function)
-    if isinstance(compiled, Dispatcher):  # it is not, where Numba is switched off
+    if isinstance(compiled, Dispatcher):  # with NUMBA_DISABLE_JIT it is the function itself
         try:
             compiled._cache = _Cache(function)  # type: ignore[attr-defined]
         except RuntimeError:
-            _unkept.append("cannot be kept: neither program nor home folder can be written")
+            _cache_problems.append(
+                "cannot be saved: neither the program's folder nor the home folder can be written"
+            )
     return compiled
 
 

@@ -16,9 +16,9 @@ pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is com
 
 @pytest.fixture
 def reasons(monkeypatch):
-    """Why kernels were not kept, from here on."""
+    """Why kernels were not saved, from here on."""
     found: list[str] = []
-    monkeypatch.setattr(_jit, "_unkept", found)
+    monkeypatch.setattr(_jit, "_cache_problems", found)
     return found
 
 
@@ -39,7 +39,7 @@ def test_a_disk_that_fails_costs_no_run(part, reasons, monkeypatch):
     monkeypatch.setattr(FunctionCache, "_load_overload", lambda *arguments: None)
     monkeypatch.setattr(FunctionCache, part, full)
     assert doubling()(3) == 6
-    assert "No space left on device" in _jit.why_unkept()
+    assert "No space left on device" in _jit.cache_problem()
 
 
 def test_nowhere_to_keep_kernels_costs_no_run(reasons, monkeypatch):
@@ -48,7 +48,7 @@ def test_nowhere_to_keep_kernels_costs_no_run(reasons, monkeypatch):
 
     monkeypatch.setattr(FunctionCache, "__init__", nowhere)
     assert doubling()(3) == 6
-    assert "neither program nor home folder can be written" in _jit.why_unkept()
+    assert "neither the program's folder nor the home folder can be written" in _jit.cache_problem()
 
 
 @pytest.mark.parametrize("content", [b"", b"\x80\x05garbage", b"\x80\x04N."])
@@ -61,5 +61,5 @@ def test_a_damaged_file_is_made_again(content, reasons):
     again = doubling()
     assert again(3) == 6
     assert sum(again.stats.cache_hits.values()) == 1, "the index was not made again"
-    assert _jit.why_unkept() == ""
+    assert _jit.cache_problem() == ""
     assert isinstance(again._cache._cache_file, IndexDataCacheFile)

@@ -324,6 +324,15 @@ def test_views_are_cropped_to_one_size_around_the_breast():
     assert crops == [Crop(60, 0, 120, 60), Crop(30, 60, 120, 60)]
 
 
+def test_a_magnified_view_does_not_change_the_crop_of_the_others():
+    contact = in_air(View("CC", "R"), slice(100, 140), slice(90, 120))
+    large = in_air(View("CC", "R", title="CC_mag"), slice(20, 200), slice(20, 120))
+    gantry = dataclasses.replace(large.gantry, support_to_detector_mm=285.0)
+    magnified = dataclasses.replace(large, gantry=gantry)
+    alone = common_crops([contact], [[]]) + common_crops([magnified], [[]])
+    assert common_crops([contact, magnified], [[], []]) == alone
+
+
 def test_a_crop_keeps_within_the_image_and_marks_within_the_crop():
     view = View("CC", "L")
     high = in_air(view, slice(0, 40), slice(0, 30))

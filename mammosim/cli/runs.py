@@ -115,20 +115,21 @@ def run(
                 study = simulate(settings, saved, tell)
         _print_summary(study, folder)
         print_warnings(note for note in study.notes if note not in plan.warnings)
-        _warn_of_unkept_kernels()
+        _warn_of_kernel_cache()
         if saved.stages.reused:
             kept = ", ".join(saved.stages.reused)
             say(f"kept from before: {kept}")
 
 
-def _warn_of_unkept_kernels() -> None:
-    from mammosim._jit import why_unkept
+def _warn_of_kernel_cache() -> None:
+    """Say why the next run has to compile its kernels again, if it has to."""
+    from mammosim._jit import cache_problem
 
-    why = why_unkept()
-    if why:
+    problem = cache_problem()
+    if problem:
         print_warnings([
-            f"compiled kernels {why}; the next start compiles them again. NUMBA_CACHE_DIR names "
-            "another folder for them"
+            f"compiled kernels {problem}; the next run compiles them again. Set NUMBA_CACHE_DIR "
+            "to a folder that can be written"
         ])  # fmt: skip
 
 

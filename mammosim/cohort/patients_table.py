@@ -33,11 +33,11 @@ ROWS_OF = 500
 """Patients whose rows are in memory together."""
 
 OF_VIEW = {
-    "laterality": pa.string(), "model": pa.string(), "thickness_mm": pa.float64(),
-    "force_n": pa.float64(), "target": pa.string(), "filter": pa.string(), "kvp": pa.float64(),
-    "mas": pa.float64(), "hvl_mm_al": pa.float64(), "air_kerma_mgy": pa.float64(),
-    "dose_mgy": pa.float64(), "volumetric_density_percent": pa.float64(),
-    "glandularity_percent": pa.float64(), "scatter_to_primary_ratio": pa.float64(),
+    "model": pa.string(), "thickness_mm": pa.float64(), "force_n": pa.float64(),
+    "target": pa.string(), "filter": pa.string(), "kvp": pa.float64(), "mas": pa.float64(),
+    "hvl_mm_al": pa.float64(), "air_kerma_mgy": pa.float64(), "dose_mgy": pa.float64(),
+    "volumetric_density_percent": pa.float64(), "glandularity_percent": pa.float64(),
+    "scatter_to_primary_ratio": pa.float64(),
 }  # fmt: skip
 """Numbers of a view in a run's record, and their types."""
 
@@ -68,6 +68,7 @@ def write_tables(
     failed : sequence of Outcome
     """
     schema = table_schema(cohort)
+    warned: dict[int, tuple[str, ...]] = {}
     with (
         whole_file(folder / PARQUET) as parquet,
         whole_file(folder / CSV) as text,
@@ -75,12 +76,14 @@ def write_tables(
         pa.csv.CSVWriter(text, schema) as lines,
     ):
         for start in range(0, len(finished), ROWS_OF):
-            some = finished[start : start + ROWS_OF]
-            rows = [row for index, path in some for row in _rows(cohort, index, path)]
+            rows: list[dict[str, Any]] = []
+            for index, path in finished[start : start + ROWS_OF]:
+                record = read_record(path)
+                warned[index] = warnings_of(record)
+                rows += _rows(cohort, index, path, record)
             table = pa.Table.from_pylist(rows, schema)
             columns.write_table(table)
             lines.write_table(pa.Table.from_pylist([_as_cells(row) for row in rows], schema))
-    warned = {index: warnings_of(read_record(path)) for index, path in finished}
     _write_csv(
         folder / WARNINGS, ("patient", "warning"),
         ((index, csv_text(text)) for index, found in warned.items() for text in found),
@@ -135,9 +138,10 @@ def _type_of(law: Distribution, cohort: Cohort) -> pa.DataType:
     return pa.float64() if kinds and kinds <= {int, float} else pa.string()
 
 
-def _rows(cohort: Cohort, index: int, folder: Path) -> Iterator[dict[str, Any]]:
-    """A patient's rows, from its folder."""
-    record = read_record(folder)
+def _rows(
+    cohort: Cohort, index: int, folder: Path, record: Mapping[str, Any]
+) -> Iterator[dict[str, Any]]:
+    """A patient's rows, from its folder and its run's record."""
     drawn = {name: _cell(value) for name, value in cohort.drawn(index).items()}
     seconds = record.get("stage_seconds", {})
     warnings = len(warnings_of(record))
@@ -152,7 +156,7 @@ def _rows(cohort: Cohort, index: int, folder: Path) -> Iterator[dict[str, Any]]:
                 "patient": index,
                 **drawn,
                 **{part.name: _parsed(row[part.name], str(part.type)) for part in fields(Target)},
-                **{ANODE.get(key, key): view.get(key) for key in OF_VIEW if key != "laterality"},
+                **{ANODE.get(key, key): view.get(key) for key in OF_VIEW},
                 "warnings": warnings,
                 **{f"{stage}_seconds": seconds.get(stage, seconds.get(f"{name}.{stage}"))
                    for stage in SECONDS},

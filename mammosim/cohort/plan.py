@@ -30,7 +30,7 @@ class CohortPlan:
     hours : float
         On this machine.
     warnings : tuple of str
-        What the settings of the first patients make doubtful.
+        Doubts about the settings of the first patients.
     """
 
     lines: tuple[str, ...]

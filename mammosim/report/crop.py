@@ -1,4 +1,4 @@
-"""The part of a picture that shows the breast, at one scale for all views."""
+"""The part of a picture that shows the breast, at one scale for all views of a magnification."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Crop:
 
 
 def common_crops(mammograms: Sequence[Mammogram], marks: Sequence[Sequence[Marker]]) -> list[Crop]:
-    """Crop all views to one size in mm, so that they hang at one scale.
+    """Crop all views of one magnification to one size in mm, so that they hang at one scale.
 
     Parameters
     ----------
@@ -48,12 +48,21 @@ def common_crops(mammograms: Sequence[Mammogram], marks: Sequence[Sequence[Marke
         A picture without breast is not cropped.
     """
     spans = [_breast_mm(*pair) for pair in zip(mammograms, marks, strict=True)]
-    height_mm = max((bottom - top for top, bottom, _ in spans), default=0.0) + 2.0 * _MARGIN_MM
-    depth_mm = max((depth for *_, depth in spans), default=0.0) + _MARGIN_MM
-    return [
-        _crop(mammogram, (top + bottom) / 2.0, height_mm, depth_mm)
-        for mammogram, (top, bottom, _) in zip(mammograms, spans, strict=True)
-    ]
+    scales = [_magnification(mammogram) for mammogram in mammograms]
+    crops = []
+    for mammogram, (top, bottom, _), scale in zip(mammograms, spans, scales, strict=True):
+        alike = [span for span, other in zip(spans, scales, strict=True) if other == scale]
+        height_mm = max(end - start for start, end, _ in alike) + 2.0 * _MARGIN_MM
+        depth_mm = max(depth for *_, depth in alike) + _MARGIN_MM
+        crops.append(_crop(mammogram, (top + bottom) / 2.0, height_mm, depth_mm))
+    return crops
+
+
+def _magnification(mammogram: Mammogram) -> float:
+    """Of the breast support on the detector, to a tenth: contact views count as alike."""
+    gantry = mammogram.gantry
+    above_mm = gantry.source_to_detector_mm - gantry.support_to_detector_mm
+    return round(gantry.source_to_detector_mm / above_mm, 1)
 
 
 def _breast_mm(mammogram: Mammogram, marks: Sequence[Marker]) -> tuple[float, float, float]:

@@ -87,7 +87,7 @@ def hanging(
     Parameters
     ----------
     views : sequence of ReportedView
-        In the order CC, MLO, ML, right before left.
+        In the order of the page.
     targets : sequence of Target
     settings : ReportSettings
 

@@ -96,10 +96,10 @@ def _part(name: str) -> str:
     return files(__package__).joinpath(name).read_text(encoding="utf-8")
 
 
-def _hanging_order(view: ReportedView) -> tuple[int, int]:
-    """CC above MLO above ML; right before left."""
-    name, side = view.squeezed.view.name, view.squeezed.view.laterality
-    return _VIEW_ORDER.index(name), "RL".index(side)
+def _hanging_order(view: ReportedView) -> tuple[bool, int, int]:
+    """CC above MLO above ML; right before left; views with a name of their own come last."""
+    seen = view.squeezed.view
+    return bool(seen.title), _VIEW_ORDER.index(seen.name), "RL".index(seen.laterality)
 
 
 def _headline(views: Sequence[ReportedView]) -> str:

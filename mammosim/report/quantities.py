@@ -15,7 +15,24 @@ _UNITS = {
 # Areas and volumes of a breast are read in cm² and mL.
 _SCALE = {"mm2": 1e-2, "mm3": 1e-3}
 
-_NAMES = {"force_n": "Force on the paddle"}
+_NAMES = {
+    "force_n": "Force on the paddle",
+    "support_force_n": "Force on the support",
+    "front_force_n": "Force on the paddle, > 20 mm from its edge",
+    "pressure_kpa": "Mean pressure",
+    "front_pressure_kpa": "Mean pressure, > 20 mm from its edge",
+    "smallest_j": "Minimum volume ratio (J)",
+    "out_of_balance": "Residual force, relative",
+    "depth_mm": "Tissue inside the plates, RMS depth",
+    "error_mm": "Estimated error, mean",
+    "largest_error_mm": "Estimated error, largest",
+    "skin_mm": "Skin thickness",
+    "scatter_noise_percent": "Statistical error of scatter",
+    "scatter_photons": "Photons followed",
+    "dose_by_monte_carlo_mgy": "Mean glandular dose by Monte Carlo",
+    "dose_by_dance_mgy": "Mean glandular dose by Dance's factors",
+    "dose_error_percent": "Statistical error of dose",
+}
 
 # Keys whose ending is no unit.
 _WHOLE = {

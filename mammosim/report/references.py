@@ -67,7 +67,7 @@ REFERENCES: dict[str, Reference] = {
         "10.1148/130.2.485",
     ),
     "boone": Reference(
-        "scattered radiation",
+        "published ranges of scatter and thickness",
         "Boone JM, Lindfors KK, Cooper VN, Seibert JA. Scatter/primary in mammography: "
         "comprehensive results. Med Phys 27:2408-2416, 2000.",
         "10.1118/1.1312812",
