@@ -8,7 +8,7 @@ from naive.acquisition import body_paths, half_disc
 from mammosim.acquisition import AcquisitionSettings, dose_limit_mgy, expose
 from mammosim.acquisition.attenuation import attenuation_per_mm
 from mammosim.acquisition.detectors import find_detector
-from mammosim.acquisition.exposure_limits import WHITE, judged
+from mammosim.acquisition.exposure_limits import WHITE, with_warnings
 from mammosim.acquisition.noise import noise_through_blur
 from mammosim.acquisition.recording import arrive
 from mammosim.acquisition.signal import response
@@ -269,7 +269,7 @@ def test_an_exposure_that_nobody_makes_is_doubted(mas, said):
 def test_saturated_pixels_of_the_breast_are_counted(image):
     arrival = arrive(phantom(), AcquisitionSettings())
     white = replace(image, for_processing=np.full_like(image.for_processing, WHITE), notes=())
-    said = " ".join(judged(white, arrival, image.mas).notes)
+    said = " ".join(with_warnings(white, arrival, image.mas).notes)
     assert "share of saturated pixels in the breast: found 100 %" in said
 
 

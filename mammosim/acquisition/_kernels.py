@@ -22,6 +22,9 @@ AIR_BELOW_FAT, AIR_FADE = 0.4, 0.1
 # Details keep at least this part of their contrast where the base lies on the toe or shoulder.
 MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.7, 0.4
 
+# Slope of the toe below which details are not raised any further.
+FLATTEST_TOE = 0.05
+
 # Details (ln) well below this are enhanced in full, those well above hardly: no halo beside edges.
 DETAIL_LIMIT = 0.12
 
@@ -237,11 +240,9 @@ def _on_toe(value: float, toe: float) -> float:
 @kernel
 def _bent(value: float, toe: float, shoulder: float, white: float) -> float:
     """`value`, but below the toe it nears 0 and above the shoulder `white`, with no kink."""
-    if value < toe:
-        return toe * exp((value - toe) / toe)
     if value > shoulder:
         return white - (white - shoulder) * exp((shoulder - value) / (white - shoulder))
-    return value
+    return _on_toe(value, toe)
 
 
 @parallel_kernel
@@ -282,7 +283,7 @@ def present_kernel(
             weak = DETAIL_LIMIT * tanh(detail / DETAIL_LIMIT)
             more = (curve.gain - 1.0) * weak
             # of the base's curve there: its toe and its shoulder are exponential
-            on_toe = max(min(shown / curve.toe, 1.0), 0.05)
+            on_toe = max(min(shown / curve.toe, 1.0), FLATTEST_TOE)
             on_shoulder = (curve.white - shown) / (curve.white - curve.shoulder)
             on_shoulder = min(max(on_shoulder, MIN_SHOULDER_SLOPE), 1.0)
             # the toe bends what is enhanced, so that bright detail stands out more than dark

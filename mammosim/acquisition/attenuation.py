@@ -148,10 +148,17 @@ def energy_absorption_cm2_g(
 def _compton_transfer(energy_kev: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean share of its energy that a photon loses in a Compton event."""
     cosine = np.linspace(-1.0, 1.0, 401)
-    ratio = 1.0 / (1.0 + energy_kev[:, None] / ELECTRON_REST_KEV * (1.0 - cosine))
+    ratio = compton_ratio(energy_kev, cosine)
     section = ratio**2 * (ratio + 1.0 / ratio - 1.0 + cosine**2)
     share: NDArray[np.float64] = (section * (1.0 - ratio)).sum(axis=1) / section.sum(axis=1)
     return share
+
+
+def compton_ratio(
+    energy_kev: NDArray[np.float64], cosine: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """[energy, angle] scattered over incident energy, for a free electron at rest."""
+    return 1.0 / (1.0 + energy_kev[:, None] / ELECTRON_REST_KEV * (1.0 - cosine))
 
 
 def cross_section_cm2_g(

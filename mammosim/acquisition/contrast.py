@@ -22,18 +22,17 @@ from mammosim.tissues import Material, composition
 
 DOSE_OF_LOW_ENERGY = 0.43
 """Glandular dose of the high-energy exposure over that of the low-energy one: 23 to 36 per cent of
-both together in 348 examinations (Gennaro et al. 2022, Cancers 14:1774), of which the middle is
-taken."""
+both together in 348 examinations (Gennaro et al. 2022, Cancers 14:1774); the middle is taken."""
 
 GLAND_SHARES = (0.0, 0.5)
-"""Glandular shares of breasts that shall look alike: few are denser (Yaffe et al. 2009, Med Phys
-36:5437: 95 per cent of breasts below 45 per cent)."""
+"""Glandular fractions at which a breast without iodine is made equally bright: few are denser
+(Yaffe et al. 2009, Med Phys 36:5437: 95 per cent of breasts below 45 per cent)."""
 
 BACKGROUND_SIGMA_MM = 10.0
 """Standard deviation of the window whose mean is taken for background. A lesion of 10 mm loses an
 eighth of its brightness by it, one of 20 mm two fifths. Chosen."""
 
-LEAST_WEIGHT = 1e-3
+MIN_WEIGHT = 1e-3
 
 IODINE = Material("iodine", 4.93, {"I": 1.0}, "element")
 
@@ -42,19 +41,19 @@ TEST_MG_CM2 = 1.0
 
 
 def high_energy_settings(
-    settings: AcquisitionSettings, agent: ContrastSettings, mas: float | None = None
+    settings: AcquisitionSettings, agent: ContrastSettings
 ) -> AcquisitionSettings:
     """Settings of the high-energy exposure: another filter, voltage and load, the rest the same."""
     return settings.model_copy(
         update={
             "filter": agent.filter, "filter_mm": agent.filter_mm, "kvp": agent.kvp,
-            "mas": agent.mas if mas is None else mas, "spectrum_file": None,
+            "mas": agent.mas, "spectrum_file": None,
         }
     )  # fmt: skip
 
 
 def high_energy_mas(agent: ContrastSettings, low_dose_mgy: float, dose_mgy_mas: float) -> float:
-    """Tube load that is given, or that gives the usual part of the low-energy dose, mAs."""
+    """The tube load that is set, or that gives the usual part of the low-energy dose, mAs."""
     if agent.mas is not None:
         return agent.mas
     return min(DOSE_OF_LOW_ENERGY * low_dose_mgy / dose_mgy_mas, MAX_CONTROLLED_MAS)
@@ -65,8 +64,8 @@ def primary_attenuation(
 ) -> NDArray[np.float32]:
     """ln(signal of air / signal) of a recorded signal, keV/pixel, less its mean scatter.
 
-    Units estimate the scatter, which is smooth, from the image; here what the scatter model found
-    is taken away, so that nothing but its noise is left.
+    Real units estimate the scatter, which is smooth, from the image. Here the scatter that was
+    computed is subtracted, so that only its noise is left.
     """
     cell = arrival.coarse.cell
     scatter = scatter_behind_grid(arrival.scatter, arrival.settings, arrival.coarse.inside)
@@ -94,7 +93,7 @@ def recombine(
     low, high : Arrival
         What reached the detector in each exposure.
     low_attenuation, high_attenuation : ndarray of float32, [row, column]
-        Of `primary_attenuation`. The latter is overwritten with the result.
+        From `primary_attenuation`. The latter is overwritten with the result.
 
     Returns
     -------
@@ -121,15 +120,15 @@ def recombine(
 def _flattened(iodine: NDArray[np.float32], arrival: Arrival) -> NDArray[np.float32]:
     """The image without its mean over `BACKGROUND_SIGMA_MM` inside the breast.
 
-    A millimetre of fat more or less is as bright as most of 1 mg/cm2, and no unit knows the
-    thickness everywhere so well; what is wider than a lesion is taken for it.
+    A millimetre of fat more or less is as bright as 0.8 mg/cm2, and no unit knows the thickness so
+    well everywhere; what is wider than a lesion is taken for a difference of thickness.
     """
     coarse = arrival.coarse
     level = block_mean(iodine, coarse.cell)
     sigma = BACKGROUND_SIGMA_MM / coarse.cell_mm
     weight = ndimage.gaussian_filter(coarse.inside.astype(np.float64), sigma, mode="nearest")
     total = ndimage.gaussian_filter(np.where(coarse.inside, level, 0.0), sigma, mode="nearest")
-    background = np.divide(total, weight, out=np.zeros_like(total), where=weight > LEAST_WEIGHT)
+    background = np.divide(total, weight, out=np.zeros_like(total), where=weight > MIN_WEIGHT)
     places = [(np.arange(size) + 0.5) / coarse.cell - 0.5 for size in iodine.shape]
     wide = np.zeros((iodine.shape[0], background.shape[1]), np.float32)
     for column in range(background.shape[1]):

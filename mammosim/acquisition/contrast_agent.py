@@ -1,4 +1,4 @@
-"""What tissues are made of where they hold a contrast agent."""
+"""Composition of tissues that hold a contrast agent."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def materials_of(settings: AcquisitionSettings) -> Mapping[str, Material]:
 
 
 def with_iodine(material: Material, mg_ml: float) -> Material:
-    """A material that holds iodine beside its own elements, none of which it displaces.
+    """A material with iodine added, which displaces none of its own elements.
 
     Parameters
     ----------

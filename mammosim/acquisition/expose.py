@@ -19,7 +19,7 @@ from mammosim.acquisition.contrast import (
     recombine,
 )
 from mammosim.acquisition.dose import DoseFactors, dose_factors
-from mammosim.acquisition.exposure_limits import WHITE, judged
+from mammosim.acquisition.exposure_limits import WHITE, with_warnings
 from mammosim.acquisition.fat_level import fat_attenuation
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import ContrastPair, Dose, GlandularDose, Mammogram
@@ -64,8 +64,8 @@ def expose(
     dose_map : bool
         Whether the dose of every voxel of the breast's coarse copy is kept (monte-carlo only).
     watch : callable, optional
-        Called with number, from 1, and mammogram of each of several `realisations`; without it
-        only the first, which is returned, is made.
+        Called with the number, from 1, and the mammogram of each of several `realisations`.
+        Without it only the first is made, which is returned.
     **keys
         Keys of `AcquisitionSettings`: ``target``, ``kvp``, ``mas``, ...
 
@@ -83,30 +83,31 @@ def expose(
     -----
     Spectrum by SpekPy; primary by Beer and Lambert's law, summed over energies and blurred by
     focal spot and pixel; scatter and dose by Monte Carlo through a coarse copy of the breast, or,
-    where only path lengths are known, by convolution with kernels of the local thickness and by
-    Dance's factors; noise of an energy-integrating detector. Not modelled: off-focus radiation,
-    grid lines, glare, lag, dead pixels.
+    where only path lengths are known, by layers made up from them and by Dance's factors; noise of
+    an energy-integrating detector. Not modelled: off-focus radiation, grid lines, glare, lag, dead
+    pixels.
     """
     settings = given_settings(AcquisitionSettings, settings, keys, "expose()", ("acquisition",))
     arrival = arrive(paths, settings, breast, seed=seed, dose_map=dose_map, keep_primary=True)
     draws = 1 if watch is None or settings.realisations is None else settings.realisations
-    kept = _again(arrival) if draws > 1 else arrival
+    kept = _copied(arrival) if draws > 1 else arrival
     image = _recorded(arrival, seed, breast)
     if watch is not None and draws > 1:
         watch(1, image)
         for number in range(2, draws + 1):
-            watch(number, _recorded(_again(kept), seed, breast, number))
+            watch(number, _recorded(_copied(kept), seed, breast, number))
     return image
 
 
-def _again(arrival: Arrival) -> Arrival:
+def _copied(arrival: Arrival) -> Arrival:
     """The same arrival with images of its own, without the primary by itself."""
-    copied = (arrival.signal.copy(), arrival.square.copy())
-    return replace(arrival, signal=copied[0], square=copied[1], primary=None)
+    return replace(
+        arrival, signal=arrival.signal.copy(), square=arrival.square.copy(), primary=None
+    )
 
 
 def noise_stream(settings: AcquisitionSettings, seed: int, number: int = 1) -> np.random.Philox:
-    """Where the noise of one draw comes from."""
+    """Source of the noise of one draw."""
     own = settings.noise_seed
     if number > 1:
         return np.random.Philox([seed, own or 0, number])
@@ -119,46 +120,43 @@ def _recorded(
     """One exposure of what arrives, whose images are overwritten."""
     settings = arrival.settings
     rng = np.random.Generator(noise_stream(settings, seed, number))
-    wanted_mas = arrival.wanted_mas  # recording overwrites the signal that tells it
-    signal, exposure = record(arrival, arrival.controlled_mas(), rng)
-    pixel_mm2 = arrival.paths.pixel_mm**2
-    gain = counts_per_kev_mm2(exposure.air_signal / pixel_mm2) / pixel_mm2
-    attenuation = None
-    if settings.contrast is not None:
+    wanted_mas = arrival.wanted_mas  # while the signal is still that of 1 mAs
+    signal, exposure = record(arrival, arrival.controlled_mas(wanted_mas), rng)
+    gain = _counts_per_kev(exposure, arrival.paths)
+    if settings.contrast is None:
+        image = mammogram_of(arrival, exposure, signal, gain)
+    else:
         attenuation = primary_attenuation(arrival, signal, exposure)
-    image = mammogram_of(arrival, exposure, signal, gain)
-    if settings.contrast is not None and attenuation is not None:
-        pair, notes = _contrast_pair(arrival, image, attenuation, settings.contrast, breast, seed)
-        image = replace(
-            image, contrast=pair, notes=(*image.notes, *notes),
-            measures={**image.measures, **_contrast(pair)},
-        )  # fmt: skip
-    return judged(image, arrival, wanted_mas)
+        image = mammogram_of(arrival, exposure, signal, gain)
+        image = _with_contrast(image, arrival, attenuation, settings.contrast, breast, seed)
+    return with_warnings(image, arrival, wanted_mas)
 
 
-def _contrast_pair(
-    low: Arrival,
+def _with_contrast(
     image: Mammogram,
+    low: Arrival,
     attenuation: NDArray[np.float32],
     agent: ContrastSettings,
     breast: CompressedBreast | None,
     seed: int,
-) -> tuple[ContrastPair, list[str]]:
-    """The high-energy exposure, the image of iodine, and what is doubtful about the former."""
-    settings = high_energy_settings(low.settings, agent, 1.0)
+) -> Mammogram:
+    """The low-energy mammogram with its high-energy exposure and the image of iodine."""
+    settings = high_energy_settings(low.settings, agent)
     high = arrive(low.paths, settings, breast, seed=seed)
     dose, factors = dose_of(high, 1.0)
     mas = high_energy_mas(agent, image.dose_mgy, dose.mgd_mgy)
-    high = replace(high, settings=high_energy_settings(low.settings, agent, mas))
+    high = replace(high, settings=settings.model_copy(update={"mas": mas}))
     rng = np.random.Generator(noise_stream(low.settings, seed).jumped())
     signal, exposure = record(high, mas, rng)
-    pixel_mm2 = low.paths.pixel_mm**2
-    gain = counts_per_kev_mm2(exposure.air_signal / pixel_mm2) / pixel_mm2
     iodine = recombine(low, high, attenuation, primary_attenuation(high, signal, exposure))
-    exposed = judged(mammogram_of(high, exposure, signal, gain), high, mas)
+    exposed = mammogram_of(high, exposure, signal, _counts_per_kev(exposure, low.paths))
+    pair = ContrastPair(with_warnings(exposed, high, mas), iodine)
     known = {*image.notes, *(factors.notes if exposed.dose_method == "monte-carlo" else ())}
-    new = [f"high energy: {note}" for note in exposed.notes if note not in known]
-    return ContrastPair(exposed, iodine), new
+    new = [f"high energy: {note}" for note in pair.high_energy.notes if note not in known]
+    return replace(
+        image, contrast=pair, notes=(*image.notes, *new),
+        measures={**image.measures, **_contrast(pair)},
+    )  # fmt: skip
 
 
 def _contrast(pair: ContrastPair) -> dict[str, float]:
@@ -264,6 +262,12 @@ def dose_of(arrival: Arrival, mas: float) -> tuple[Dose, DoseFactors]:
     return Dose(
         "monte-carlo", by, found.gland_mgy_mas * mas, found.gland_error, materials, dose_map
     ), factors
+
+
+def _counts_per_kev(exposure: Exposure, paths: PathLengths) -> float:
+    """Pixel value for one keV absorbed in a pixel."""
+    pixel_mm2 = paths.pixel_mm**2
+    return counts_per_kev_mm2(exposure.air_signal / pixel_mm2) / pixel_mm2
 
 
 def counts_per_kev_mm2(air_kev_mm2: float, start: float = COUNTS_PER_KEV_MM2) -> float:

@@ -1,4 +1,4 @@
-"""Whether an exposure can be believed: its numbers against the table of limits."""
+"""Whether an exposure is plausible: its numbers against the table of limits."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ WHITE = 16383
 """Largest pixel value, of 14 bits."""
 
 
-def judged(
+def with_warnings(
     image: Mammogram, arrival: Arrival, wanted_mas: float, exposures: float = 1.0
 ) -> Mammogram:
-    """A mammogram with its doubts among its notes.
+    """A mammogram with a note for each implausible quantity.
 
     Parameters
     ----------
     image : Mammogram
     arrival : Arrival
-        That it was recorded from.
+        What it was recorded from.
     wanted_mas : float
         Tube load that was set or that exposure control asked for, all exposures together, mAs.
     exposures : float
-        The load of all exposures that are judged together over its own.
+        Tube load of all exposures of a series over that of this one.
 
     Returns
     -------
@@ -56,14 +56,13 @@ def judged(
 
 
 def _of_picture(counts: NDArray[np.uint16], arrival: Arrival) -> dict[str, float]:
-    """Saturated pixels, and those that share the commonest value, per cent of the breast's."""
+    """Pixels that are saturated, and that have the most frequent value, % of the breast's."""
     inside, cell = arrival.coarse.inside, arrival.coarse.cell
     rows, columns = counts.shape
     histogram = np.zeros(WHITE + 1, np.int64)
-    in_columns = [np.repeat(row, cell)[:columns] for row in inside]
-    for row in range(rows):
-        here = counts[row][in_columns[row // cell]]
-        histogram += np.bincount(here, minlength=WHITE + 1)
+    for first, cells in zip(range(0, rows, cell), inside, strict=True):
+        here = counts[first : first + cell, np.repeat(cells, cell)[:columns]]
+        histogram += np.bincount(here.ravel(), minlength=WHITE + 1)
     number = int(histogram.sum())
     return {
         "saturated_percent": 100.0 * float(histogram[WHITE]) / number,

@@ -11,8 +11,8 @@ class ScatterKeys(TypedDict, total=False):
     """Keys of `ScatterSettings`."""
 
     model: Literal["monte-carlo", "kernels", "none"]
-    """Scatter model: monte-carlo (photons followed through the compressed breast), kernels (by
-    local thickness) or none. Default: monte-carlo."""
+    """Scatter model: monte-carlo (photons followed through the compressed breast), kernels (layers
+    made up from path lengths) or none. Default: monte-carlo."""
 
     photons: int | None
     """Photons that monte-carlo follows, 10 thousand to 1 billion; left out: 160 thousand, for about

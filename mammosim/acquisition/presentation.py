@@ -168,17 +168,18 @@ def _base(level: NDArray[np.float64], radius: int) -> NDArray[np.float64]:
 
 
 def _restored(attenuation: NDArray[np.float32], look: Look, pixel_mm: float) -> NDArray[np.float32]:
-    """The image without its finest noise, and with the fine detail that blur has weakened raised.
+    """The image with its finest noise removed and the detail that blur has weakened restored.
 
-    Raising what a Gaussian takes out (unsharp masking) is the simplest of the restorations that
-    scanners apply; together they are a band-pass with its peak at 1 to 2 per mm.
+    Adding back part of what a Gaussian removes (unsharp masking) is the simplest of the
+    restorations that scanners apply. Both steps together are a band-pass with its peak at 1 to 2
+    per mm.
     """
     smooth: NDArray[np.float32] = ndimage.gaussian_filter(
         attenuation, look.noise_sigma_mm / pixel_mm, mode="nearest", truncate=3.0
     )
     wide = ndimage.gaussian_filter(smooth, SHARP_MM / pixel_mm, mode="nearest", truncate=3.0)
     np.subtract(smooth, wide, out=wide)
-    # strong steps, as the muscle's edge, are left alone: no halo
+    # strong steps, as at the muscle's edge, are left alone: no halo
     wide *= np.float32(look.sharpness) * np.exp(-np.square(wide / np.float32(SHARP_LIMIT)))
     smooth += wide
     return smooth

@@ -105,10 +105,11 @@ class Arrival:
         signal, dense = TARGET_SIGNAL_KEV_MM2 * self.paths.pixel_mm**2, self.dense_signal
         return signal / dense if dense > 0.0 else np.inf
 
-    def controlled_mas(self) -> float:
-        """Tube load that the settings give, or that exposure control gives at most, mAs."""
-        wanted = self.wanted_mas
-        return wanted if self.settings.mas is not None else min(wanted, MAX_CONTROLLED_MAS)
+    def controlled_mas(self, wanted_mas: float) -> float:
+        """The wanted tube load, which exposure control limits and the settings do not, mAs."""
+        if self.settings.mas is not None:
+            return wanted_mas
+        return min(wanted_mas, MAX_CONTROLLED_MAS)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from mammosim.acquisition.blocks import cell_pixels
 from mammosim.acquisition.coarse import CELL_MM
-from mammosim.acquisition.grid_parts import grid_of
 from mammosim.acquisition.recording import beam_for, scatter_case
 from mammosim.acquisition.scatter import Scatter, ScatterCase, ScatterDose, follow_through
 from mammosim.acquisition.scatter.photon_transport import PHOTONS
@@ -128,5 +127,5 @@ def scatter_sweep(
             seed=seed + number,
         )  # fmt: skip
         photons = (case.photons or PHOTONS) * (SERIES_PHOTONS if count > 1 else 1) // count
-        found.append(follow_through(replace(case, photons=photons, grid=grid_of(settings)), breast))
+        found.append(follow_through(replace(case, photons=photons)))
     return ScatterSweep(angles, tuple(found))

@@ -83,8 +83,8 @@ class ScatterSettings(Settings):
     """How scattered radiation is computed."""
 
     model: ScatterModel = DEFAULT_SCATTER
-    """Scatter model: monte-carlo (photons followed through the compressed breast), kernels (by
-    local thickness) or none."""
+    """Scatter model: monte-carlo (photons followed through the compressed breast), kernels (layers
+    made up from path lengths) or none."""
 
     photons: int | None = Field(default=None, ge=10_000, le=1_000_000_000)
     """Photons that monte-carlo follows, 10 thousand to 1 billion; left out: 160 thousand, for about

@@ -17,7 +17,7 @@ from mammosim.acquisition.expose import (
     mammogram_of,
     to_counts,
 )
-from mammosim.acquisition.exposure_limits import judged
+from mammosim.acquisition.exposure_limits import with_warnings
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Mammogram
 from mammosim.acquisition.recording import Arrival, arrive, record
@@ -144,8 +144,8 @@ def expose_arc(
     all projections is the sum of each one's load times t(angle), the dose at its angle over that of
     the upright tube, as Dance, Young & van Engen (2011, Phys Med Biol 56:453) define it; it is
     taken from Monte Carlo's own photons in this breast, not from their tables. Other scatter models
-    take t as 1, which is some per cent too high at 25 degrees. Kernels take the oblique path as
-    thickness. Not modelled: movement of the tube during an exposure, lag, grid cut-off.
+    take t as 1, which is some per cent too high at 25 degrees. Not modelled: movement of the tube
+    during an exposure, lag, grid cut-off.
     """
     settings = given_settings(AcquisitionSettings, settings, keys, "expose_arc()", ("acquisition",))
     if "grid" not in settings.model_fields_set:
@@ -159,10 +159,10 @@ def expose_arc(
     if wanted_mas is None:
         with_grid = arrive(paths, _with_grid(settings), scatter_model=sweep)
         wanted_mas = with_grid.wanted_mas
-        settings = settings.model_copy(update={"mas": with_grid.controlled_mas()})
+        settings = settings.model_copy(update={"mas": with_grid.controlled_mas(wanted_mas)})
     parts = np.array(arc.settings.load_parts)
     arrival = arrive(paths, settings, scatter_model=sweep, keep_primary=True)
-    total_mas = arrival.controlled_mas()
+    total_mas = arrival.wanted_mas
     loads = total_mas * parts
     pixel_mm2 = arrival.paths.pixel_mm**2
     # A turned tube is nearer to the detector's plane, and air brighter by the square of that.
@@ -173,7 +173,7 @@ def expose_arc(
 
     gantry = arc.gantries[middle]
     stack = np.empty((count, gantry.rows, gantry.columns), np.uint16)
-    known = {middle: _Known.of(arrival, loads[middle] * gain)}
+    known = {middle: _ProjectionFacts.of(arrival, loads[middle] * gain)}
     signal, exposure = record(arrival, loads[middle], _noise_of(seed, middle))
     shown = mammogram_of(arrival, exposure, signal, gain)
     factors = np.ones(count)
@@ -182,14 +182,14 @@ def expose_arc(
     dose_mgy = shown.dose_mgy * float(parts @ factors / (parts[middle] * factors[middle]))
     whole = {"projections": float(count), "dose_of_all_projections_mgy": dose_mgy}
     shown = replace(shown, measures={**shown.measures, **whole})
-    shown = judged(shown, arrival, wanted_mas, 1.0 / float(parts[middle]))
+    shown = with_warnings(shown, arrival, wanted_mas, 1.0 / float(parts[middle]))
     stack[middle] = shown.for_processing
     del arrival, signal, paths
     for index in (*range(middle), *range(middle + 1, count)):
         turned = arc.paths(index)
         watch(index, turned)
         arrival = arrive(turned, settings, scatter_model=sweep)
-        known[index] = _Known.of(arrival, loads[index] * gain)
+        known[index] = _ProjectionFacts.of(arrival, loads[index] * gain)
         signal, _ = record(arrival, loads[index], _noise_of(seed, index))
         stack[index] = to_counts(signal, gain)
     in_order = [known[index] for index in range(count)]
@@ -202,8 +202,8 @@ def expose_arc(
     )  # fmt: skip
 
 
-class _Known(NamedTuple):
-    """What is known of one projection beside its pixels; see `Tomosynthesis`."""
+class _ProjectionFacts(NamedTuple):
+    """What `Tomosynthesis` keeps of one projection besides its pixels."""
 
     air_counts: NDArray[np.float64]
     flat_depth: float
@@ -211,7 +211,7 @@ class _Known(NamedTuple):
     scatter_to_primary: float
 
     @classmethod
-    def of(cls, arrival: Arrival, counts_mas_per_kev: float) -> _Known:
+    def of(cls, arrival: Arrival, counts_mas_per_kev: float) -> _ProjectionFacts:
         profile = arrival.air_signal * arrival.unit.air_profile
         return cls(
             counts_mas_per_kev * profile,

@@ -9,7 +9,7 @@ from mammosim.compression import CompressedBreast
 from mammosim.config import documents_keys, given_settings, to_settings
 from mammosim.geometry import Gantry
 from mammosim.projection.channels import Channels, channels_of
-from mammosim.projection.detector_field import cut_off_note, place_detector
+from mammosim.projection.detector_field import place_detector
 from mammosim.projection.feasible import check_arc, check_memory
 from mammosim.projection.keys import ProjectionKeys, TomosynthesisKeys
 from mammosim.projection.paths import PathLengths
@@ -104,10 +104,8 @@ def project_arc(
         sweep = to_settings(TomosynthesisSettings, given, "project_arc")
     check_arc(sweep, settings)
     mapped, channels = voxel_map(squeezed), channels_of(squeezed.phantom)
-    upright = place_detector(squeezed, mapped, settings, sweep)
+    upright, notes = place_detector(squeezed, mapped, settings, sweep)
     shape = upright.rows, upright.columns
     check_memory(settings, shape, len(channels), sweep.projections)
     gantries = tuple(replace(upright, tube_angle_deg=angle) for angle in sweep.angles_deg)
-    note = cut_off_note(squeezed, mapped, settings, sweep)
-    notes = (note,) if note else ()
     return Arc(squeezed, gantries, sweep, mapped, channels, settings, notes)

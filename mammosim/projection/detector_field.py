@@ -46,7 +46,7 @@ def place_detector(
     mapped: VoxelMap,
     settings: ProjectionSettings,
     arc: TomosynthesisSettings | None = None,
-) -> Gantry:
+) -> tuple[Gantry, tuple[str, ...]]:
     """Choose format and place of the detector so that it holds the breast's shadow.
 
     The rows are centred on the focal spot; where the shadow does not fit centred, the field is
@@ -67,8 +67,10 @@ def place_detector(
 
     Returns
     -------
-    Gantry
+    gantry : Gantry
         With the tube upright.
+    notes : tuple of str
+        By how much the breast is cut off, one sentence; empty where the field holds its shadow.
 
     Raises
     ------
@@ -83,7 +85,8 @@ def place_detector(
     """
     gantry, shadow, end = _shadow_and_end(squeezed, mapped, settings, arc)
     spot_y, pixel_mm = gantry.focal_spot_y_mm, settings.pixel_mm
-    height, width = fitting_format(shadow, settings) or formats_mm(settings)[-1]
+    fitting = fitting_format(shadow, settings)
+    height, width = fitting or formats_mm(settings)[-1]
     rows, columns = pixels_of(height, pixel_mm), pixels_of(width, pixel_mm)
     if end is not None:
         y_min = _edge_at(*end, spot_y, rows, pixel_mm)
@@ -98,23 +101,11 @@ def place_detector(
             f"projection.focal_spot_y_mm: found {spot_y:g}, expected {y_min:.1f} to "
             f"{placed.y_max_mm:.1f}: the focal spot must be above the detector's field"
         )
-    return placed
+    return placed, () if fitting else (_cut_off_note(squeezed, shadow, height, width),)
 
 
-def cut_off_note(
-    squeezed: CompressedBreast,
-    mapped: VoxelMap,
-    settings: ProjectionSettings,
-    arc: TomosynthesisSettings | None = None,
-) -> str | None:
-    """What of the breast's shadow the detector does not hold, in words; None where it holds all.
-
-    The parameters are those of `place_detector`.
-    """
-    _, shadow, _ = _shadow_and_end(squeezed, mapped, settings, arc)
-    if fitting_format(shadow, settings) is not None:
-        return None
-    height, width = formats_mm(settings)[-1]
+def _cut_off_note(squeezed: CompressedBreast, shadow: Shadow, height: float, width: float) -> str:
+    """By how much a detector of a height and width, mm, is too small for the breast's shadow."""
     return (
         f"{squeezed.view.folder}: the breast is cut off at the detector's edge: its shadow is "
         f"{shadow.height_mm:.1f} x {shadow.width_mm:.1f} mm (along the chest wall x from it), "

@@ -7,12 +7,7 @@ import os
 
 from mammosim.compression import CompressedBreast
 from mammosim.errors import InputError
-from mammosim.projection.detector_field import (
-    cut_off_note,
-    formats_mm,
-    pixels_of,
-    place_detector,
-)
+from mammosim.projection.detector_field import formats_mm, pixels_of, place_detector
 from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
 from mammosim.projection.voxel_map import voxel_map
 
@@ -96,7 +91,7 @@ def check_shadow(
     settings: ProjectionSettings,
     arc: TomosynthesisSettings | None = None,
 ) -> tuple[str, ...]:
-    """What of a compressed breast's shadow the detector cannot hold, one sentence each.
+    """By how much a detector is too small for a compressed breast, one sentence each.
 
     Parameters
     ----------
@@ -111,8 +106,6 @@ def check_shadow(
     InputError
         If there would be no breast in the picture, or the focal spot is not above it.
     """
-    mapped = voxel_map(compressed)
     coarse = settings.model_copy(update={"pixel_mm": 1.0})
-    place_detector(compressed, mapped, coarse, arc)
-    note = cut_off_note(compressed, mapped, coarse, arc)
-    return () if note is None else (note,)
+    _, notes = place_detector(compressed, voxel_map(compressed), coarse, arc)
+    return notes

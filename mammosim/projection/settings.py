@@ -91,11 +91,12 @@ class TomosynthesisSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _filled_by_its_system(cls, value: Any) -> Any:
-        """Put what a system is like below the keys that are given."""
+        """Fill in the keys that are not given from the named system."""
         if not isinstance(value, dict):
             return value
         if isinstance(value.get("shares"), list):
-            # What a validator has seen is no JSON any more, and its lists no tuples.
+            # After a "before" validator pydantic takes the value for Python input, in which strict
+            # mode accepts no list as a tuple.
             value = {**value, "shares": tuple(value["shares"])}
         name = value.get("system")
         system = SYSTEMS.get(name) if isinstance(name, str) else None
@@ -122,4 +123,5 @@ class TomosynthesisSettings(Settings):
     def load_parts(self) -> tuple[float, ...]:
         """Part of the tube load that each projection is given; they add up to 1."""
         shares = self.shares or (1.0,) * self.projections
-        return tuple(share / sum(shares) for share in shares)
+        total = sum(shares)
+        return tuple(share / total for share in shares)

@@ -12,7 +12,7 @@ from mammosim.compression import CompressedBreast
 from mammosim.config import documents_keys, given_settings
 from mammosim.geometry import Gantry
 from mammosim.projection.channels import Channels, channels_of, host_channel
-from mammosim.projection.detector_field import cut_off_note, place_detector
+from mammosim.projection.detector_field import place_detector
 from mammosim.projection.feasible import check_memory
 from mammosim.projection.keys import ProjectionKeys
 from mammosim.projection.paths import PathLengths
@@ -64,11 +64,10 @@ def project(
     """
     settings = given_settings(ProjectionSettings, settings, keys, "project")
     mapped = voxel_map(squeezed)
-    gantry = place_detector(squeezed, mapped, settings)
+    gantry, notes = place_detector(squeezed, mapped, settings)
     channels = channels_of(squeezed.phantom)
     check_memory(settings, (gantry.rows, gantry.columns), len(channels))
-    note = cut_off_note(squeezed, mapped, settings)
-    return trace_onto(gantry, squeezed, mapped, channels, settings, (note,) if note else ())
+    return trace_onto(gantry, squeezed, mapped, channels, settings, notes)
 
 
 def trace_onto(

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS
-from mammosim.acquisition.monte_carlo.scene import Scene
+from mammosim.acquisition.monte_carlo.scene import Scene, density_of, mixture_of
 from mammosim.acquisition.monte_carlo.tables import PhotonTables
 from mammosim.acquisition.monte_carlo.transport import Tallies
 from mammosim.acquisition.spectrum import KEV_TO_MGY_G
@@ -94,10 +93,10 @@ def dose_map_mgy(tallies: Tallies, scene: Scene) -> NDArray[np.float32]:
     space = scene.space
     shape = tuple(plane.size - 1 for plane in (space.x, space.y, space.z))
     words = space.words.reshape(shape)[scene.inner]
-    mixture = words & np.uint32(0xFFFF)
+    mixture = mixture_of(words)
     density = np.array([material.density_g_cm3 for material in scene.materials])
     volume_cm3 = np.diff(space.x)[1] * np.diff(space.y)[1] * np.diff(space.z)[scene.inner[2].start]
-    mass_g = (words >> np.uint32(16)) / DENSITY_STEPS * (scene.fraction @ density)[mixture]
+    mass_g = density_of(words) * (scene.fraction @ density)[mixture]
     mass_g *= volume_cm3 / 1000.0
     energy = tallies.energy_map.mean(axis=0).reshape(shape)[scene.inner]
     dose = energy * KEV_TO_MGY_G / mass_g

@@ -6,7 +6,7 @@ Stutz, Riveros, Fernandez-Varea & Salvat 1996, Nucl Instrum Meth A 379:167, the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -176,9 +176,9 @@ def _atomic_weight(symbol: str) -> float:
     return float(xraylib.AtomicWeight(xraylib.SymbolToAtomicNumber(symbol)))
 
 
-def _number_or_zero(function: object, *arguments: float) -> float:
+def _number_or_zero(function: Callable[..., float], *arguments: float) -> float:
     """What one of xraylib's functions returns, 0 where it has no value."""
     try:
-        return float(function(*arguments))  # type: ignore[operator]
+        return float(function(*arguments))
     except ValueError:
         return 0.0

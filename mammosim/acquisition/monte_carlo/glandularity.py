@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS
-from mammosim.acquisition.monte_carlo.scene import Scene
-from mammosim.tissues import FOREIGN_MATERIALS
+from mammosim.acquisition.coarse import NOT_PARENCHYMA
+from mammosim.acquisition.monte_carlo.scene import Scene, density_of, mixture_of
 
 SHELL_MM = 5.0  # of fat all around the mixture, but for the chest wall: Dance 1990
-NOT_PARENCHYMA = ("muscle", "skin", *FOREIGN_MATERIALS)
 
 
 def core_glandularity_percent(scene: Scene) -> float:
@@ -33,7 +31,7 @@ def core_glandularity_percent(scene: Scene) -> float:
     space, inner = scene.space, scene.inner
     shape = tuple(plane.size - 1 for plane in (space.x, space.y, space.z))
     words = space.words.reshape(shape)[inner]
-    mixture = words & np.uint32(0xFFFF)
+    mixture = mixture_of(words)
     tissue = scene.tissue[mixture]
     step = np.diff(space.x)[1]
     outline = np.pad(tissue.any(axis=2), ((1, 1), (1, 1)))
@@ -45,7 +43,7 @@ def core_glandularity_percent(scene: Scene) -> float:
     under = (z > low[..., None] + SHELL_MM) & (z < high[..., None] - SHELL_MM)
     core = tissue & under & (depth > SHELL_MM)[..., None] & scene.in_field[mixture]
     number = mixture[core]
-    density = (words[core] >> np.uint32(16)) / DENSITY_STEPS
+    density = density_of(words[core])
     amount = np.bincount(number, density, minlength=len(scene.fraction)) @ scene.fraction
     mass = {
         material.name: float(amount[column]) * material.density_g_cm3

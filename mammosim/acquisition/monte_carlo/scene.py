@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition.attenuation import BEAM_MATERIALS
-from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS, Space
+from mammosim.acquisition.monte_carlo._flight_kernels import (
+    DENSITY_STEPS,
+    MIXTURE_BITS,
+    MIXTURE_MASK,
+    Space,
+)
 from mammosim.acquisition.monte_carlo._scene_kernels import Field, pack_voxels
 from mammosim.errors import InputError
 from mammosim.geometry import Gantry
@@ -74,6 +79,16 @@ class Scene:
     inner: tuple[slice, slice, slice]
 
 
+def mixture_of(words: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Number of the mixture that each voxel holds."""
+    return words & MIXTURE_MASK
+
+
+def density_of(words: NDArray[np.uint32]) -> NDArray[np.float64]:
+    """Density of each voxel over that of its mixture."""
+    return (words >> MIXTURE_BITS) / DENSITY_STEPS
+
+
 def make_scene(
     breast: CoarseBreast, plates: Plates, gantry: Gantry, materials: Mapping[str, Material]
 ) -> Scene:
@@ -107,7 +122,7 @@ def make_scene(
     below, above = 1 + int(plates.support_mm > 0.0), int(plates.paddle_mm > 0.0)
     planes = _planes(breast, plates, gantry)
     shape = tuple(plane.size - 1 for plane in planes)
-    one = np.uint32(round(DENSITY_STEPS)) << np.uint32(16)
+    one = np.uint32(round(DENSITY_STEPS)) << MIXTURE_BITS
     words = np.full(shape, one, np.uint32)
     nx, ny, nz = breast.shares.shape
     inner = (slice(1, 1 + nx), slice(1, 1 + ny), slice(below, below + nz))
@@ -180,8 +195,7 @@ def _masses(
     materials: Sequence[Material],
 ) -> NDArray[np.float64]:
     """[mixture, material] mass in all voxels of a mixture, g."""
-    number = (words & np.uint32(0xFFFF)).ravel()
-    density = (words >> np.uint32(16)).ravel() / DENSITY_STEPS
+    number, density = mixture_of(words).ravel(), density_of(words).ravel()
     volume_cm3 = np.bincount(number, density, minlength=len(fraction)) * (
         np.prod(breast.spacing_mm) / 1000.0
     )

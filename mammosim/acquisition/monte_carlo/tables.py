@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.acquisition.attenuation import ELECTRON_REST_KEV, MM_PER_CM, cross_section_cm2_g
+from mammosim.acquisition.attenuation import MM_PER_CM, compton_ratio, cross_section_cm2_g
 from mammosim.acquisition.monte_carlo.compton import scattering_function
 from mammosim.errors import InputError
 from mammosim.tissues import Material
@@ -106,7 +106,7 @@ def photon_tables(
     photo, compton, rayleigh, transfer = (np.empty(shape) for _ in range(4))
     cosines = np.empty((2, *shape, ANGLES + 1), np.float32)
     cosine = 1.0 - 2.0 * HALF_ANGLES**2
-    loss = 1.0 - _compton_ratio(energy, cosine)
+    loss = 1.0 - compton_ratio(energy, cosine)
     for column, material in enumerate(materials):
         incoherent, coherent = angular_densities(material, energy)
         integral = np.trapezoid(incoherent, HALF_ANGLES, axis=1)
@@ -140,7 +140,7 @@ def angular_densities(
     for symbol, fraction in material.mass_fraction.items():
         weight, squared_form = _element(symbol)
         form += fraction / weight * squared_form
-    ratio = _compton_ratio(energy_kev, cosine)
+    ratio = compton_ratio(energy_kev, cosine)
     klein_nishina = ratio**2 * (ratio + 1.0 / ratio - 1.0 + cosine**2)
     # the solid angle between s and s + ds is 8 pi s ds
     incoherent = klein_nishina * scattering_function(material, energy_kev, cosine) * s
@@ -158,13 +158,6 @@ def _energies(lowest_kev: float, highest_kev: float) -> NDArray[np.float64]:
     first = np.floor(max(LOWEST_SHARE * lowest_kev, LOWEST_TABULATED_KEV) / ENERGY_STEP_KEV)
     last = np.ceil(highest_kev / ENERGY_STEP_KEV)
     return np.arange(first, last + 1.0) * ENERGY_STEP_KEV
-
-
-def _compton_ratio(
-    energy_kev: NDArray[np.float64], cosine: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """[energy, angle] scattered over incident energy, for a free electron at rest."""
-    return 1.0 / (1.0 + energy_kev[:, None] / ELECTRON_REST_KEV * (1.0 - cosine))
 
 
 def _quantiles(density: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +15,7 @@ from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS, Plan
 from mammosim.acquisition.monte_carlo._random_kernels import Stream
 from mammosim.acquisition.monte_carlo._transport_kernels import Source, follow_photons
 from mammosim.acquisition.monte_carlo.grid import COSINES, LARGEST_TANGENT, TANGENTS, Grid
-from mammosim.acquisition.monte_carlo.scene import Scene
+from mammosim.acquisition.monte_carlo.scene import Scene, mixture_of
 from mammosim.acquisition.monte_carlo.tables import PhotonTables
 from mammosim.geometry import Gantry
 
@@ -101,7 +100,7 @@ def shadow_of(scene: Scene, gantry: Gantry, field: Field) -> NDArray[np.bool_]:
     """[row, column] cells of the field whose central ray meets tissue."""
     x, y, z, words = scene.space
     shape = (x.size - 1, y.size - 1, z.size - 1)
-    mixtures = (words & np.uint32(0xFFFF)).reshape(shape)
+    mixtures = mixture_of(words).reshape(shape)
     spot, plane = gantry.focal_spot_mm, -gantry.support_to_detector_mm
     v = 0.5 * (field.row_y_mm[1:] + field.row_y_mm[:-1])
     u = 0.5 * (field.column_x_mm[1:] + field.column_x_mm[:-1])
@@ -336,8 +335,3 @@ def mean_and_error(batches: NDArray[np.float64]) -> tuple[NDArray[np.float64], N
     """Mean over the first axis and its standard error."""
     mean = batches.mean(axis=0)
     return mean, batches.std(axis=0, ddof=1) / np.sqrt(len(batches))
-
-
-def materials_of(scene: Scene) -> Sequence[str]:
-    """Names of a scene's materials."""
-    return [material.name for material in scene.materials]

@@ -1,4 +1,4 @@
-"""The scatter model `kernels`: layers made up from path lengths alone, without photons."""
+"""The scatter model `kernels`: layers made up from path lengths alone."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mammosim.acquisition.attenuation import BEAM_MATERIALS, attenuation_per_mm
 from mammosim.acquisition.monte_carlo import photon_tables
-from mammosim.acquisition.scatter.layered import Layer, emission_of, layered_scatter
+from mammosim.acquisition.scatter.layered import LAYERS, Layer, emission_of, layered_scatter
 from mammosim.acquisition.scatter.open_beam import (
     OpenBeam,
     cell_grid,
@@ -19,14 +19,11 @@ from mammosim.acquisition.scatter.open_beam import (
 )
 from mammosim.acquisition.scatter.scatter_case import Scatter, ScatterCase
 
-LAYERS = 8
-"""Layers into which the breast is divided."""
-
 TYPICAL_PERCENTILE = 90.0
 """Paths longer than those of so many per cent of the breast's cells reach from plate to plate."""
 
 LOCAL_RANGE = (0.3, 3.0)
-"""How much more or less than the mean tissue a place may attenuate for each mm of its path."""
+"""Least and greatest attenuation per mm of a place over that of the mean tissue."""
 
 
 def scatter_by_kernels(case: ScatterCase) -> Scatter:
@@ -57,7 +54,7 @@ def scatter_by_kernels(case: ScatterCase) -> Scatter:
     primary = case.primary / case.gantry.pixel_mm**2
     gland = _gland_share(primary, case.thickness_mm, beam, mu)
     mixed = mu @ np.array([1.0 - gland, gland])
-    local = _attenuates_more(primary, case.thickness_mm, beam, mixed)
+    local = _relative_attenuation(primary, case.thickness_mm, beam, mixed)
     parts = [(tissue[0], 1.0 - gland), (tissue[1], gland)]
     emission = emission_of(parts, beam.energy_kev, case.detector)
     gap_to_detector = case.gantry.support_to_detector_mm
@@ -66,7 +63,7 @@ def scatter_by_kernels(case: ScatterCase) -> Scatter:
     layers = [
         Layer(
             gap_to_detector + 0.5 * (low + high),
-            mixed[:, None, None] * _between(low, high, thickness, dense, gap_mm), emission,
+            mixed[:, None, None] * _tissue_between(low, high, thickness, dense, gap_mm), emission,
         )
         for low, high in pairwise(np.linspace(0.0, gap_mm, LAYERS + 1))
         if gap_mm > 0.0
@@ -75,7 +72,7 @@ def scatter_by_kernels(case: ScatterCase) -> Scatter:
     return Scatter(signal * case.gantry.pixel_mm**2)
 
 
-def _between(
+def _tissue_between(
     low_mm: float,
     high_mm: float,
     thickness_mm: NDArray[np.float64],
@@ -111,13 +108,13 @@ def _gland_share(
     return 0.5 * (low + high)
 
 
-def _attenuates_more(
+def _relative_attenuation(
     primary: NDArray[np.float64],
     thickness_mm: NDArray[np.float64],
     beam: OpenBeam,
     mixed: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """[row, column] attenuation of each mm over that of the mixture, within `LOCAL_RANGE`."""
+    """[row, column] attenuation per mm over that of the mixture, within `LOCAL_RANGE`."""
     free = beam.signal.sum(axis=0)
     expected = (beam.signal * np.exp(-mixed[:, None, None] * thickness_mm)).sum(axis=0)
     there = (thickness_mm > 1.0) & (primary > 0.0) & (primary < free)

@@ -16,10 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
 
-from mammosim.acquisition.attenuation import ELECTRON_REST_KEV, MM_PER_CM, attenuation_per_mm
+from mammosim.acquisition.attenuation import MM_PER_CM, attenuation_per_mm, compton_ratio
 from mammosim.acquisition.detectors import Detector
 from mammosim.acquisition.monte_carlo.tables import CM2_PER_G, HALF_ANGLES, angular_densities
 from mammosim.tissues import Material
+
+LAYERS = 8
+"""Layers into which the breast is divided."""
 
 # Scatter of second and higher order over that of first order, in a layer of the scattering depth t
 # of the whole breast above and below it: a t / (1 + b t). Fitted to this package's Monte Carlo.
@@ -127,14 +130,14 @@ def emission_of(
     >>> adipose = composition("hammerstein", "oxalate")["adipose"]
     >>> out = emission_of([(adipose, 1.0)], np.array([20.0]), find_detector("ideal"))
     >>> round(float(out.albedo[0]), 2)
-    0.49
+    0.46
     """
     total = np.zeros(energy_kev.size)
     for material, part in parts:
         total += part * attenuation_per_mm(material, energy_kev)
     cosine = 1.0 / np.sqrt(1.0 + TANGENTS**2)
     at = np.sqrt(0.5 * (1.0 - cosine))  # sin(theta / 2)
-    kept = 1.0 / (1.0 + energy_kev[:, None] / ELECTRON_REST_KEV * (1.0 - cosine))
+    kept = compton_ratio(energy_kev, cosine)
     upright = detector.efficiency(energy_kev)[:, None]
     slant = detector.oblique_efficiency(energy_kev, cosine) / upright
     per_sr, scattered = np.zeros(kept.shape), np.zeros(energy_kev.size)
@@ -261,7 +264,7 @@ def _kernels(
 
 
 def _radii_mm(cell_mm: float, reach: int, shape: list[int]) -> NDArray[np.float64]:
-    """Distance of each cell from cell [0, 0] of a torus; beyond the reach, infinity's stand-in."""
+    """Distance of each cell from cell [0, 0] of a torus; a million cells beyond the reach."""
     axes = []
     for length in shape:
         away = np.arange(length, dtype=np.float64)

@@ -60,12 +60,12 @@ def scatter_by_monte_carlo(case: ScatterCase) -> Scatter:
     if case.breast is None:
         by_kernels = scatter_by_kernels(case)
         return Scatter(by_kernels.signal, model="kernels", notes=(WITHOUT_BREAST,))
-    return follow_through(case, case.breast)
+    return follow_through(case)
 
 
-def follow_through(case: ScatterCase, breast: CompressedBreast) -> Scatter:
-    """The model with a breast at hand, that of the case unless another is given."""
-    scene, tables, tallies, spectrum = transported(case, breast)
+def follow_through(case: ScatterCase) -> Scatter:
+    """The model with a breast at hand."""
+    scene, tables, tallies, spectrum = transported(case)
     guide = Guide(*shape_of_scatter(case, scene, tables, spectrum, tallies.margin), case.cell_mm)
     pixel_mm2 = case.gantry.pixel_mm**2
     mean, error = smoothed_scatter(tallies.scatter, tallies.margin, guide)
@@ -81,13 +81,10 @@ def follow_through(case: ScatterCase, breast: CompressedBreast) -> Scatter:
     )  # fmt: skip
 
 
-def transported(
-    case: ScatterCase, breast: CompressedBreast | None = None
-) -> tuple[Scene, PhotonTables, Tallies, NDArray[np.float64]]:
+def transported(case: ScatterCase) -> tuple[Scene, PhotonTables, Tallies, NDArray[np.float64]]:
     """The photons' scene, tables and tallies, and the spectrum they were drawn from."""
-    breast = breast or case.breast
-    assert breast is not None
-    scene = scene_of(case, breast)
+    assert case.breast is not None
+    scene = scene_of(case, case.breast)
     lowest, highest = float(case.beam.energy_kev[0]), float(case.beam.energy_kev[-1])
     tables = photon_tables(scene.materials, lowest, highest)
     field = image_field(case.gantry, case.cell)

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition.attenuation import attenuation_per_mm
-from mammosim.acquisition.monte_carlo import PhotonTables, Scene
-from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS
-from mammosim.acquisition.scatter.layered import Layer, emission_of, layered_scatter
+from mammosim.acquisition.monte_carlo import PhotonTables, Scene, density_of, mixture_of
+from mammosim.acquisition.scatter.layered import LAYERS, Layer, emission_of, layered_scatter
 from mammosim.acquisition.scatter.open_beam import (
     OpenBeam,
     cell_grid,
@@ -16,9 +15,6 @@ from mammosim.acquisition.scatter.open_beam import (
     plates_around,
 )
 from mammosim.acquisition.scatter.scatter_case import ScatterCase
-
-LAYERS = 8
-"""Layers into which the breast is divided."""
 
 SUBSAMPLES = 2
 """Columns of voxels that are looked at along each side of a cell."""
@@ -116,6 +112,6 @@ def _depth(
         j = np.clip(np.searchsorted(y, v) - 1, 0, y.size - 2)
         for level in levels:
             word = cells[i[None, :], j[:, None], level]
-            dense = (word >> np.uint32(16)) * ((z[level + 1] - z[level]) / DENSITY_STEPS)
-            depth += mixed[:, word & np.uint32(0xFFFF)] * (dense / SUBSAMPLES**2)
+            dense = density_of(word) * (z[level + 1] - z[level])
+            depth += mixed[:, mixture_of(word)] * (dense / SUBSAMPLES**2)
     return depth
