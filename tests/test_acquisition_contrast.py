@@ -112,6 +112,14 @@ def test_noise_of_the_two_exposures_is_not_the_same():
     np.testing.assert_array_equal(image.contrast.iodine.mg_cm2, again.contrast.iodine.mg_cm2)
 
 
+def test_each_draw_has_noise_of_its_own_in_both_exposures():
+    draws = {}
+    made = expose(phantom(), seed=3, contrast={}, realisations=2, watch=draws.__setitem__)
+    high = [draw.contrast.high_energy.for_processing for draw in draws.values()]
+    np.testing.assert_array_equal(high[0], made.contrast.high_energy.for_processing)
+    assert (high[0] != high[1]).mean() > 0.5
+
+
 def test_without_an_agent_there_is_no_pair():
     assert expose(phantom()).contrast is None
 

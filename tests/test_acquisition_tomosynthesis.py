@@ -127,6 +127,14 @@ def test_noise_is_another_in_each_projection_and_the_seeds_alone(series):
     assert abs(np.corrcoef(changed[0][air].ravel(), changed[4][air].ravel())[0, 1]) < 0.1
 
 
+def test_a_noise_seed_of_a_series_changes_its_noise_and_nothing_else(series):
+    """Also 0: it is a seed like any other, not the lack of one."""
+    for noise_seed in (0, 7):
+        other = expose_arc(sweep(), seed=3, noise_seed=noise_seed, **KEYS)
+        assert (other.projections != series.projections).mean() > 0.5
+        np.testing.assert_array_equal(other.loads_mas, series.loads_mas)
+
+
 def test_each_projection_has_its_share_of_the_quanta():
     """Variance over signal squared of a projection is that of the whole load times their number."""
     arc = sweep(3, angle_range_deg=0.0)
@@ -135,7 +143,8 @@ def test_each_projection_has_its_share_of_the_quanta():
     part = np.s_[20:60, 100:118]  # air
     first, second = (series.projections[k][part].astype(float) for k in (0, 2))
     spread = np.var(first - second) / 2.0 / first.mean() ** 2
-    pair = [expose(arc.paths(1), grid=False, seed=seed, **KEYS) for seed in (1, 2)]
+    # The same photons: scatter's own noise is not the detector's.
+    pair = [expose(arc.paths(1), grid=False, noise_seed=seed, **KEYS) for seed in (1, 2)]
     one, two = (image.for_processing[part].astype(float) for image in pair)
     assert whole.mas == pytest.approx(3.0 * series.middle.mas)
     # 720 pixels a variance: 5 per cent standard error each

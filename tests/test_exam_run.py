@@ -95,6 +95,13 @@ def test_the_second_breast_is_the_other_one_of_the_same_woman(exam):
     assert (right.labels[part] != left.labels[part][:, ::-1]).mean() > 0.02
 
 
+def test_rules_are_judged_between_the_standard_views_alone(exam):
+    """A view taken again is another picture of one of the two, not a third projection."""
+    rows = read_table(exam / "out" / "view_rules.csv")
+    names = {row[column] for row in rows for column in ("from_view", "to_view")}
+    assert names == {"CC", "MLO"}
+
+
 def test_an_interrupted_exam_goes_on_where_it_stopped(exam):
     """The stages of both breasts are kept: nothing is compressed again."""
     out = exam / "again"
@@ -115,8 +122,8 @@ def test_the_report_hangs_right_and_left_back_to_back(exam):
     pictures = re.findall(r'<figure class="view (right|left)">.*?<text class="name"[^>]*>(\w+)<',
                           page, re.DOTALL)  # fmt: skip
     assert pictures == [
-        ("right", "RCC"), ("left", "LCC"), ("right", "RCC_again"), ("right", "RMLO"),
-        ("left", "LMLO"),
+        ("right", "RCC"), ("left", "LCC"), ("right", "RMLO"), ("left", "LMLO"),
+        ("right", "RCC_again"),
     ]  # fmt: skip
     assert "Both breasts" in page
 

@@ -59,7 +59,8 @@ def test_the_page_links_the_pictures_and_keeps_the_order_of_a_choice(cohort, mon
         "matplotlib.axes.Axes.bar", lambda self, names, counts, **_: drawn_bars.append(names)
     )
     table = {
-        "patient": [0, 4], "view": ["CC", "CC"], "kind": ["nipple", "nipple"],
+        "patient": [0, 4], "laterality": ["R", "L"], "view": ["CC", "CC"],
+        "kind": ["nipple", "nipple"],
         "density": ["dense", "fatty"],
         **{column: [None, None] for column, _, _ in (*A_VIEW, *A_LESION)},
     }  # fmt: skip
@@ -71,9 +72,19 @@ def test_the_page_links_the_pictures_and_keeps_the_order_of_a_choice(cohort, mon
     assert drawn_bars == [["fatty", "scattered", "dense"]]
 
 
+def test_the_page_counts_the_same_view_of_both_breasts_as_two_pictures():
+    table = {
+        "patient": [0, 0, 0], "laterality": ["R", "R", "L"], "view": ["CC", "CC", "CC"],
+        "kind": ["mass", "nipple", "nipple"],
+        **{column: [None] * 3 for column, _, _ in (*A_VIEW, *A_LESION)},
+    }  # fmt: skip
+    assert "1 patients, 2 pictures, 1 lesions" in render_cohort("mine", table, {}, [])
+
+
 def test_the_page_counts_patients_by_limit_and_lists_their_warnings():
     table = {
-        "patient": [0, 4], "view": ["CC", "CC"], "kind": ["nipple", "nipple"],
+        "patient": [0, 4], "laterality": ["R", "L"], "view": ["CC", "CC"],
+        "kind": ["nipple", "nipple"],
         **{column: [None, None] for column, _, _ in (*A_VIEW, *A_LESION)},
     }  # fmt: skip
     loads = [f"LCC: {doubt}" for doubt in doubts({"tube_load_mas": 900.0})]

@@ -31,7 +31,9 @@ def test_marks_are_where_the_table_says():
     assert len(stack["frames"]) == 5
     assert stack["heights"] == pytest.approx([5.2, 15.6, 26.0, 36.4, 46.8])
     (mass, row) = stack["marks"][0], targets[0]
-    assert (mass["x"], mass["y"]) == pytest.approx((row.volume_col_px, row.volume_row_px), abs=0.1)
+    assert (mass["x"], mass["y"]) == pytest.approx(
+        (row.volume_col_px + 0.5, row.volume_row_px + 0.5), abs=0.06
+    )
     place = view.reconstruction.grid.gantry_from_voxel(
         [row.volume_slice, row.volume_row_px, row.volume_col_px]
     )

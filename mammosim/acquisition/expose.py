@@ -107,11 +107,10 @@ def _copied(arrival: Arrival) -> Arrival:
 
 
 def noise_stream(settings: AcquisitionSettings, seed: int, number: int = 1) -> np.random.Philox:
-    """Source of the noise of one draw."""
-    own = settings.noise_seed
-    if number > 1:
-        return np.random.Philox([seed, own or 0, number])
-    return np.random.Philox(seed if own is None else [seed, own])
+    """Source of the noise of one draw, or of one projection of a series, counted from 1."""
+    own = 0 if settings.noise_seed is None else settings.noise_seed + 1
+    of_draw = (number,) if number > 1 else ()
+    return np.random.Philox(np.random.SeedSequence([seed, own], spawn_key=of_draw))
 
 
 def _recorded(
@@ -128,7 +127,8 @@ def _recorded(
     else:
         attenuation = primary_attenuation(arrival, signal, exposure)
         image = mammogram_of(arrival, exposure, signal, gain)
-        image = _with_contrast(image, arrival, attenuation, settings.contrast, breast, seed)
+        agent = settings.contrast
+        image = _with_contrast(image, arrival, attenuation, agent, breast, seed, number)
     return with_warnings(image, arrival, wanted_mas)
 
 
@@ -139,6 +139,7 @@ def _with_contrast(
     agent: ContrastSettings,
     breast: CompressedBreast | None,
     seed: int,
+    number: int,
 ) -> Mammogram:
     """The low-energy mammogram with its high-energy exposure and the image of iodine."""
     settings = high_energy_settings(low.settings, agent)
@@ -146,7 +147,7 @@ def _with_contrast(
     dose, factors = dose_of(high, 1.0)
     mas = high_energy_mas(agent, image.dose_mgy, dose.mgd_mgy)
     high = replace(high, settings=settings.model_copy(update={"mas": mas}))
-    rng = np.random.Generator(noise_stream(low.settings, seed).jumped())
+    rng = np.random.Generator(noise_stream(low.settings, seed, number).jumped())
     signal, exposure = record(high, mas, rng)
     iodine = recombine(low, high, attenuation, primary_attenuation(high, signal, exposure))
     exposed = mammogram_of(high, exposure, signal, _counts_per_kev(exposure, low.paths))

@@ -15,6 +15,7 @@ from mammosim.acquisition.expose import (
     COUNTS_PER_KEV_MM2,
     counts_per_kev_mm2,
     mammogram_of,
+    noise_stream,
     to_counts,
 )
 from mammosim.acquisition.exposure_limits import with_warnings
@@ -174,7 +175,7 @@ def expose_arc(
     gantry = arc.gantries[middle]
     stack = np.empty((count, gantry.rows, gantry.columns), np.uint16)
     known = {middle: _ProjectionFacts.of(arrival, loads[middle] * gain)}
-    signal, exposure = record(arrival, loads[middle], _noise_of(seed, middle))
+    signal, exposure = record(arrival, loads[middle], _noise_of(settings, seed, middle))
     shown = mammogram_of(arrival, exposure, signal, gain)
     factors = np.ones(count)
     if sweep is not None:
@@ -190,7 +191,7 @@ def expose_arc(
         watch(index, turned)
         arrival = arrive(turned, settings, scatter_model=sweep)
         known[index] = _ProjectionFacts.of(arrival, loads[index] * gain)
-        signal, _ = record(arrival, loads[index], _noise_of(seed, index))
+        signal, _ = record(arrival, loads[index], _noise_of(settings, seed, index))
         stack[index] = to_counts(signal, gain)
     in_order = [known[index] for index in range(count)]
     return Tomosynthesis(
@@ -242,6 +243,6 @@ def _with_grid(settings: AcquisitionSettings) -> AcquisitionSettings:
     )
 
 
-def _noise_of(seed: int, index: int) -> np.random.Generator:
+def _noise_of(settings: AcquisitionSettings, seed: int, index: int) -> np.random.Generator:
     """Noise of one projection, whatever order they are made in."""
-    return np.random.Generator(np.random.Philox(np.random.SeedSequence((seed, index))))
+    return np.random.Generator(noise_stream(settings, seed, index + 1))

@@ -119,11 +119,14 @@ def render_cohort(
     str
         HTML.
     """
-    patient, view = np.array(table["patient"]), np.array(table["view"])
+    patient = np.array(table["patient"])
     lesion = ~np.isin(np.array(table["kind"]), _NO_LESION)
     first_of_patient = np.unique(patient, return_index=True)[1]
-    pairs = np.array([f"{number}/{name}" for number, name in zip(patient, view, strict=True)])
-    first_of_view = np.unique(pairs, return_index=True)[1]
+    pictures = [
+        f"{number}/{side}{name}"
+        for number, side, name in zip(patient, table["laterality"], table["view"], strict=True)
+    ]
+    first_of_view = np.unique(pictures, return_index=True)[1]
     rows: list[list[str]] = []
     groups = [
         ("What was drawn", [(name, name, "") for name in drawn], first_of_patient, "patients"),

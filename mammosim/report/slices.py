@@ -81,8 +81,8 @@ def _mark(target: Target, volume: Reconstruction) -> dict[str, Any]:
         "number": str(target.target_id),
         "name": target.name,
         "kind": target.kind,
-        "x": round(target.volume_col_px, 1),
-        "y": round(target.volume_row_px, 1),
+        "x": round(target.volume_col_px + 0.5, 1),  # the middle of the first pixel is at 0.5
+        "y": round(target.volume_row_px + 0.5, 1),
         "radius": round(max(reach_mm, MIN_RADIUS_MM) / volume.grid.pixel_mm, 1),
         "height": round(target.compressed_z_mm, 1),
         "reach": round(max(reach_mm, volume.grid.slice_mm), 1),

@@ -154,10 +154,12 @@ def with_ellipsoids(
 
 
 def _rules(seen: Mapping[str, ViewResult]) -> tuple[RuleError, ...]:
+    """Of each two standard views; one with a title of its own is another picture of such a view."""
     plain = {
         result.squeezed.view.label: (result.targets, result.mammogram.gantry)
         for result in seen.values()
-        if result.mammogram is not None and not result.squeezed.view.tomosynthesis
+        if result.mammogram is not None
+        and not (result.squeezed.view.tomosynthesis or result.squeezed.view.title)
     }
     return tuple(rule_errors(plain))
 
