@@ -103,7 +103,7 @@ def check_shapes(lesions: Sequence[LesionSettings]) -> None:
     Raises
     ------
     InputError
-        With one line a lesion.
+        With one line per lesion.
     """
     problems = _planned(lesions)[1]
     if problems:
@@ -123,15 +123,16 @@ def _planned(lesions: Sequence[LesionSettings]) -> tuple[list[PlannedLesion], li
 
 def _plan(entry: LesionSettings) -> PlannedLesion:
     form = LESION_KINDS[entry.kind].form(entry)
-    if entry.file is None:
-        return PlannedLesion(entry, form, entry.diameter_mm or form.diameter_mm)
-    shape = read_shape(entry.file, entry.voxel_mm)
-    turns = entry.rotation_deg or (0.0, 0.0, 0.0)
+    if entry.file is not None:
+        shape = read_shape(entry.file, entry.voxel_mm)
+        turns = entry.rotation_deg or (0.0, 0.0, 0.0)
 
-    def paint(site: Site, keys: LesionSettings, rng: np.random.Generator) -> float:
-        return paint_shape(site, shape, turns)
+        def paint(site: Site, keys: LesionSettings, rng: np.random.Generator) -> float:
+            return paint_shape(site, shape, turns)
 
-    form = dataclasses.replace(form, diameter_mm=2.0 * shape.radius_mm, paint=paint, room_mm=None)
+        form = dataclasses.replace(
+            form, diameter_mm=2.0 * shape.radius_mm, paint=paint, room_mm=None
+        )
     return PlannedLesion(entry, form, entry.diameter_mm or form.diameter_mm)
 
 

@@ -82,13 +82,7 @@ class LesionSettings(OwnKeys, _AnyLesion):
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> Self:
-        foreign = [
-            key
-            for name, kind in LESION_KINDS.items()
-            if kind.keys is not None and name != self.kind
-            for key, field in kind.keys.model_fields.items()
-            if getattr(self, key) != field.default
-        ]
+        foreign = [key for name in LESION_KINDS if name != self.kind for key in self._given(name)]
         if foreign:
             raise ValueError(f"{', '.join(foreign)} does not belong to kind '{self.kind}'")
         return self
@@ -100,12 +94,16 @@ class LesionSettings(OwnKeys, _AnyLesion):
             if keys:
                 raise ValueError(f"{', '.join(keys)} belongs to a lesion with a file")
             return self
-        kind = LESION_KINDS[self.kind].keys
-        fields = {} if kind is None else kind.model_fields
-        drawn = [key for key, field in fields.items() if getattr(self, key) != field.default]
+        drawn = self._given(self.kind)
         if drawn:
             raise ValueError(f"{', '.join(drawn)} does not belong to a lesion with a file")
         return self
+
+    def _given(self, kind: str) -> list[str]:
+        """Keys of a kind's own that are not left at their defaults."""
+        keys = LESION_KINDS[kind].keys
+        fields = {} if keys is None else keys.model_fields
+        return [key for key, field in fields.items() if getattr(self, key) != field.default]
 
 
 class LandmarkSettings(Settings):

@@ -125,13 +125,19 @@ def load_corners(
 
 
 @merged_kernel
+def _bilinear(c00: float, c01: float, c10: float, c11: float, u: float, v: float) -> float:
+    """Value within a square from its corners, v along the second axis."""
+    return (1.0 - u) * ((1.0 - v) * c00 + v * c01) + u * ((1.0 - v) * c10 + v * c11)
+
+
+@merged_kernel
 def trilinear(corner: NDArray[np.float64], channel: int, u: float, v: float, w: float) -> float:
     """Value of a channel within a block from its corners."""
-    low = (1.0 - v) * ((1.0 - w) * corner[channel, 0] + w * corner[channel, 1]) + v * (
-        (1.0 - w) * corner[channel, 2] + w * corner[channel, 3]
+    low = _bilinear(
+        corner[channel, 0], corner[channel, 1], corner[channel, 2], corner[channel, 3], v, w
     )
-    high = (1.0 - v) * ((1.0 - w) * corner[channel, 4] + w * corner[channel, 5]) + v * (
-        (1.0 - w) * corner[channel, 6] + w * corner[channel, 7]
+    high = _bilinear(
+        corner[channel, 4], corner[channel, 5], corner[channel, 6], corner[channel, 7], v, w
     )
     return (1.0 - u) * low + u * high
 
@@ -139,23 +145,32 @@ def trilinear(corner: NDArray[np.float64], channel: int, u: float, v: float, w: 
 @merged_kernel
 def row_end(corner: NDArray[np.float64], channel: int, u: float, v: float, w: int) -> float:
     """Value of a channel at an end of a row of the block."""
-    near = (1.0 - v) * corner[channel, w] + v * corner[channel, 2 + w]
-    return (1.0 - u) * near + u * ((1.0 - v) * corner[channel, 4 + w] + v * corner[channel, 6 + w])
+    return _bilinear(
+        corner[channel, w], corner[channel, 2 + w], corner[channel, 4 + w],
+        corner[channel, 6 + w], u, v,
+    )  # fmt: skip
+
+
+@merged_kernel
+def sub_index(part: float) -> int:
+    """Cell of the sub-grid along an axis at a part of the block's side."""
+    return min(int(part * SUB_STEPS), SUB_STEPS - 1)
 
 
 @kernel
 def sub_row_values(sub: NDArray[np.float64], u: float, v: float, out: NDArray[np.float64]) -> None:
     """The sub-grid's values along a row of the block."""
-    a, b = min(int(u * SUB_STEPS), SUB_STEPS - 1), min(int(v * SUB_STEPS), SUB_STEPS - 1)
+    a, b = sub_index(u), sub_index(v)
     p, q = u * SUB_STEPS - a, v * SUB_STEPS - b
     for c in range(SUB_STEPS + 1):
-        low = (1.0 - q) * sub[a, b, c] + q * sub[a, b + 1, c]
-        high = (1.0 - q) * sub[a + 1, b, c] + q * sub[a + 1, b + 1, c]
-        out[c] = (1.0 - p) * low + p * high
+        out[c] = _bilinear(
+            sub[a, b, c], sub[a, b + 1, c], sub[a + 1, b, c], sub[a + 1, b + 1, c], p, q
+        )
 
 
 @merged_kernel
 def on_sub_row(sub_row: NDArray[np.float64], w: float) -> float:
-    c = min(int(w * SUB_STEPS), SUB_STEPS - 1)
+    """Value at a part of the row of `sub_row_values`."""
+    c = sub_index(w)
     part = w * SUB_STEPS - c
     return (1.0 - part) * sub_row[c] + part * sub_row[c + 1]

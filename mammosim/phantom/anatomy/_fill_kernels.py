@@ -1,4 +1,4 @@
-"""Labels of voxels that ligament fills in part, and back."""
+"""From the part of a voxel that ligament fills to its label, and back."""
 
 from __future__ import annotations
 
@@ -6,13 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim._jit import kernel, merged_kernel
-from mammosim.phantom.anatomy._block_kernels import (
-    ADIPOSE,
-    EIGHTH,
-    HALF,
-    LIGAMENT,
-    QUARTER,
-)
+from mammosim.phantom.anatomy._block_kernels import ADIPOSE, EIGHTH, HALF, LIGAMENT, QUARTER
 
 
 @kernel

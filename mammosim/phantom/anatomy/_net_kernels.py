@@ -33,7 +33,10 @@ EDGE_SHARE, MAX_EDGE = 1.1, 1.5
 """Radius of the thread in which walls meet, against their mean thickness, and the most that unequal
 walls change it. Chosen by eye on projections."""
 
-EDGE_REACH = 1.7320508 * EDGE_SHARE * MAX_EDGE
+CONE = 1.7320508
+"""Base of a cone of `thread_fill` that is 1 in the middle, against the thread's radius: sqrt 3."""
+
+EDGE_REACH = CONE * EDGE_SHARE * MAX_EDGE
 """How far from the edge it fills voxels, against the mean thickness of the walls."""
 
 
@@ -156,6 +159,19 @@ def _pairs(near: Near, n: int, cell_mm: float, slope: NDArray[np.float64]) -> No
 
 
 @merged_kernel
+def _holding_cell(
+    place: NDArray[np.float64], n: int, x: float, y: float, z: float
+) -> tuple[int, float]:
+    """Which of the cells holds a point of the lattice, and its q there (see `Near`)."""
+    inside, least = 0, np.inf
+    for a in range(n):
+        q = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
+        if q < least:
+            inside, least = a, q
+    return inside, least
+
+
+@merged_kernel
 def wall_distance(
     place: NDArray[np.float64], pair: NDArray[np.float64], n: int, x: float, y: float, z: float
 ) -> tuple[float, int]:
@@ -163,11 +179,7 @@ def wall_distance(
 
     x, y, z are net coordinates in lattice cells.
     """
-    inside, least = 0, np.inf
-    for a in range(n):
-        q = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
-        if q < least:
-            inside, least = a, q
+    inside, least = _holding_cell(place, n, x, y, z)
     gap = np.inf
     for b in range(n):
         if b != inside:
@@ -177,13 +189,19 @@ def wall_distance(
 
 
 @merged_kernel
+def thread_reach(radius_mm: float, voxel_mm: float) -> float:
+    """Distance from its axis up to which a round thread fills voxels."""
+    return max(voxel_mm, CONE * radius_mm)
+
+
+@merged_kernel
 def thread_fill(gap_mm: float, radius_mm: float, voxel_mm: float) -> float:
     """Part of a voxel that a round thread fills whose axis passes at a distance.
 
     A cone over the distance that holds the thread's cross-section whatever the voxel: its base is
     a voxel wide, or as wide as leaves 1 in the middle.
     """
-    wide = max(voxel_mm, 1.7320508 * radius_mm)
+    wide = thread_reach(radius_mm, voxel_mm)
     return 3.0 * (radius_mm / wide) ** 2 * max(1.0 - gap_mm / wide, 0.0)
 
 
@@ -197,11 +215,7 @@ def wall_fill(
     Where three cells meet, a thread runs along the edge. Its distance is that of a point to the
     line in which two walls meet at 120 degrees, as walls under tension do (Plateau).
     """
-    inside, least = 0, np.inf
-    for a in range(n):
-        q = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
-        if q < least:
-            inside, least = a, q
+    inside, least = _holding_cell(place, n, x, y, z)
     fill, wide = 0.0, 0.5 * voxel_mm
     near, next_near, strong, next_strong = 1e9, 1e9, 0.0, 0.0
     for b in range(n):

@@ -24,7 +24,6 @@ from mammosim.phantom.anatomy._block_kernels import (
     SKIN,
     SKIN_DEPTH,
     SKIN_MM,
-    SUB_STEPS,
     Block,
     Lattice,
     Paint,
@@ -33,6 +32,7 @@ from mammosim.phantom.anatomy._block_kernels import (
     new_block,
     on_sub_row,
     row_end,
+    sub_index,
     sub_row_values,
 )
 from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
@@ -125,7 +125,7 @@ def _wanted_nodes(lattice: Lattice, at: tuple[int, int, int], wanted: NDArray[np
 
 @kernel
 def _mark(wanted: NDArray[np.bool_], axis: int, part: float) -> None:
-    first = min(int(part * SUB_STEPS), SUB_STEPS - 1)
+    first = sub_index(part)
     wanted[axis, first] = wanted[axis, first + 1] = True
 
 

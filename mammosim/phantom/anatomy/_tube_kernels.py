@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import kernel
+from mammosim._jit import kernel, merged_kernel
 from mammosim.phantom.anatomy._block_kernels import Lattice
 from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
-from mammosim.phantom.anatomy._net_kernels import thread_fill
+from mammosim.phantom.anatomy._net_kernels import thread_fill, thread_reach
 from mammosim.phantom.anatomy._noise_kernels import lattice_hash
 
 
@@ -25,28 +25,17 @@ def paint_tubes(
     step = lattice.x_mm[1] - lattice.x_mm[0]
     for n in range(ends_mm.shape[0]):
         a, b = ends_mm[n, 0], ends_mm[n, 1]
-        widest = max(radius_mm[n, 0], radius_mm[n, 1])
-        low, high = np.minimum(a, b) - widest, np.maximum(a, b) + widest
-        squared = max(((b - a) ** 2).sum(), 1e-9)
-        i0, i1 = np.searchsorted(lattice.x_mm, low[0]), np.searchsorted(lattice.x_mm, high[0])
-        j0 = np.searchsorted(lattice.lateral_mm, low[1])
-        j1 = np.searchsorted(lattice.lateral_mm, high[1])
-        k0 = np.searchsorted(lattice.superior_mm, low[2])
-        k1 = np.searchsorted(lattice.superior_mm, high[2])
+        (wx, wy, wz), squared = _axis(a, b)
+        i0, i1, j0, j1, k0, k1 = _box(lattice, a, b, max(radius_mm[n, 0], radius_mm[n, 1]))
         for i in range(i0, i1):
             dx = lattice.x_mm[i] - a[0]
             for j in range(j0, j1):
                 dy = lattice.lateral_mm[j] - a[1]
                 for k in range(k0, k1):
                     dz = lattice.superior_mm[k] - a[2]
-                    t = (dx * (b[0] - a[0]) + dy * (b[1] - a[1]) + dz * (b[2] - a[2])) / squared
-                    t = min(max(t, 0.0), 1.0)
-                    gap = (
-                        (dx - t * (b[0] - a[0])) ** 2 + (dy - t * (b[1] - a[1])) ** 2
-                        + (dz - t * (b[2] - a[2])) ** 2
-                    )  # fmt: skip
+                    t = min(max((dx * wx + dy * wy + dz * wz) / squared, 0.0), 1.0)
                     radius = radius_mm[n, 0] + t * (radius_mm[n, 1] - radius_mm[n, 0])
-                    if gap <= radius * radius:
+                    if _squared_gap(dx, dy, dz, wx, wy, wz, t) <= radius * radius:
                         labels[i, j, k] = label[n]
         steps = int(np.ceil(np.abs(b - a).max() / step))
         for turn in range(steps + 1):
@@ -72,30 +61,54 @@ def paint_threads(
     voxel = lattice.x_mm[1] - lattice.x_mm[0]
     for n in range(ends_mm.shape[0]):
         a, b = ends_mm[n, 0], ends_mm[n, 1]
-        wide = max(voxel, 1.7320508 * max(radius_mm[n, 0], radius_mm[n, 1]))
-        low, high = np.minimum(a, b) - wide, np.maximum(a, b) + wide
-        squared = max(((b - a) ** 2).sum(), 1e-9)
-        i0, i1 = np.searchsorted(lattice.x_mm, low[0]), np.searchsorted(lattice.x_mm, high[0])
-        j0 = np.searchsorted(lattice.lateral_mm, low[1])
-        j1 = np.searchsorted(lattice.lateral_mm, high[1])
-        k0 = np.searchsorted(lattice.superior_mm, low[2])
-        k1 = np.searchsorted(lattice.superior_mm, high[2])
+        (wx, wy, wz), squared = _axis(a, b)
+        reach = thread_reach(max(radius_mm[n, 0], radius_mm[n, 1]), voxel)
+        i0, i1, j0, j1, k0, k1 = _box(lattice, a, b, reach)
         for i in range(i0, i1):
             dx = lattice.x_mm[i] - a[0]
             for j in range(j0, j1):
                 dy = lattice.lateral_mm[j] - a[1]
                 for k in range(k0, k1):
                     dz = lattice.superior_mm[k] - a[2]
-                    t = (dx * (b[0] - a[0]) + dy * (b[1] - a[1]) + dz * (b[2] - a[2])) / squared
+                    t = (dx * wx + dy * wy + dz * wz) / squared
                     if t < 0.0 or t >= 1.0:
                         continue  # the next piece's
-                    gap = (
-                        (dx - t * (b[0] - a[0])) ** 2 + (dy - t * (b[1] - a[1])) ** 2
-                        + (dz - t * (b[2] - a[2])) ** 2
-                    )  # fmt: skip
-                    if gap < wide * wide:
+                    gap = _squared_gap(dx, dy, dz, wx, wy, wz, t)
+                    if gap < reach * reach:
                         radius = radius_mm[n, 0] + t * (radius_mm[n, 1] - radius_mm[n, 0])
                         fill = thread_fill(np.sqrt(gap), radius, voxel)
                         if fill > fill_of(labels[i, j, k], name):
                             lot = lattice_hash(i, j, k, key) / 4294967296.0
                             labels[i, j, k] = name[fill_step(fill, lot)]
+
+
+@kernel
+def _axis(
+    start_mm: NDArray[np.float64], end_mm: NDArray[np.float64]
+) -> tuple[tuple[float, float, float], float]:
+    """From one end of a piece to the other, mm, and the square of its length, mm2."""
+    way = end_mm - start_mm
+    return (way[0], way[1], way[2]), max((way**2).sum(), 1e-9)
+
+
+@kernel
+def _box(
+    lattice: Lattice, start_mm: NDArray[np.float64], end_mm: NDArray[np.float64], reach_mm: float
+) -> tuple[int, int, int, int, int, int]:
+    """First voxel, and first beyond, along each axis, of those within a reach of a piece."""
+    low = np.minimum(start_mm, end_mm) - reach_mm
+    high = np.maximum(start_mm, end_mm) + reach_mm
+    i0, i1 = np.searchsorted(lattice.x_mm, low[0]), np.searchsorted(lattice.x_mm, high[0])
+    j0 = np.searchsorted(lattice.lateral_mm, low[1])
+    j1 = np.searchsorted(lattice.lateral_mm, high[1])
+    k0 = np.searchsorted(lattice.superior_mm, low[2])
+    k1 = np.searchsorted(lattice.superior_mm, high[2])
+    return i0, i1, j0, j1, k0, k1
+
+
+@merged_kernel
+def _squared_gap(
+    dx: float, dy: float, dz: float, wx: float, wy: float, wz: float, t: float
+) -> float:
+    """Square of the distance of a place d from a part t of the way w, mm2."""
+    return (dx - t * wx) ** 2 + (dy - t * wy) ** 2 + (dz - t * wz) ** 2

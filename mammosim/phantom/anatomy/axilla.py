@@ -18,13 +18,13 @@ CUT_DEG = 45.0
 in the usual oblique view."""
 
 HELD_FROM, HELD_OVER = 0.25, 0.45
-"""Where, along the way to the axilla, the skin of other views leaves that of oblique ones, and over
-what way it goes over into the breast's own, in radii of the breast."""
+"""Where the skin of other views departs from that of oblique ones on the way to the axilla, and the
+distance over which it blends into the breast's own, in radii of the breast."""
 
-START, BEGINS = 0.2, 0.85
-"""Where the ridge starts along its direction, and over what way it rises, in radii of the breast:
-far enough out that it lies below the breast's own surface in views that leave the axilla off. If
-it stood out there, compression would fold the hollow before it into a crease across the picture."""
+RIDGE_FROM, RIDGE_OVER = 0.2, 0.85
+"""Where the ridge starts along its direction, and the distance over which it rises, in radii of the
+breast: far enough out that it lies below the breast's own surface in views without the axilla. If
+it stood out there, compression would fold the hollow before it into a crease across the image."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,13 @@ def along_mm(lateral: NDArray[np.float64], superior: NDArray[np.float64]) -> NDA
     return towards
 
 
+def across_mm(lateral: NDArray[np.float64], superior: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance from the nipple at right angles to `along_mm`, upwards, mm."""
+    angle = np.deg2rad(CUT_DEG)
+    upwards: NDArray[np.float64] = superior * np.cos(angle) - lateral * np.sin(angle)
+    return upwards
+
+
 def ridge_level(axilla: Axilla, shape: Shape, points_mm: Points) -> NDArray[np.float64]:
     """Positive inside the ridge, 0 on its surface; it fades towards the middle of the breast.
 
@@ -79,9 +86,9 @@ def ridge_level(axilla: Axilla, shape: Shape, points_mm: Points) -> NDArray[np.f
         x, lateral, superior, mm.
     """
     x, lateral, superior = points_mm
-    angle = np.deg2rad(CUT_DEG)
-    across = superior * np.cos(angle) - lateral * np.sin(angle) - axilla.offset_mm
-    begun = np.clip((along_mm(lateral, superior) / shape.radius_mm - START) / BEGINS, 0.0, 1.0)
+    across = across_mm(lateral, superior) - axilla.offset_mm
+    way = along_mm(lateral, superior) / shape.radius_mm
+    begun = np.clip((way - RIDGE_FROM) / RIDGE_OVER, 0.0, 1.0)
     begun = begun * begun * (3.0 - 2.0 * begun)
     depth = np.clip(x, 0.0, None)
     inside: NDArray[np.float64] = (

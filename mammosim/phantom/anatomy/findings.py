@@ -36,7 +36,7 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """A round or drawn-out body.
+    """An ellipsoid.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Ball:
         Rows: directions of the half-axes.
     tissue : str
     into : tuple of str
-        Tissues that it takes the place of; of any but air, skin and muscle if empty.
+        Tissues that it replaces; if empty, any but air, skin, nipple and muscle.
     """
 
     centre_mm: Vector
@@ -55,6 +55,11 @@ class Ball:
     turn: NDArray[np.float64]
     tissue: str
     into: tuple[str, ...] = ()
+
+    @property
+    def reach_mm(self) -> float:
+        """Greatest distance of a point of it from its centre, mm."""
+        return float(self.axes_mm.max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +82,11 @@ class Fold:
     half_length_mm: float
     depth_mm: float
     half_width_mm: float
+
+    @property
+    def reach_mm(self) -> float:
+        """Distance from its centre within which it lies, mm."""
+        return float(np.hypot(self.half_length_mm, self.depth_mm))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +111,7 @@ class Site:
                 for s in step
             ]
         )
-        unit: Vector = slope / max(float(np.linalg.norm(slope)), 1e-9)
-        return unit
+        return _unit(slope)
 
     def place(self, where: NDArray[np.bool_], rng: np.random.Generator) -> Vector | None:
         """A random point of a region, mm; none if it is empty."""
@@ -134,14 +143,11 @@ def paint_findings(
     findings: list[Ball | Fold],
     rng: np.random.Generator,
 ) -> None:
-    """Paint findings; a voxel that a body fills in part is drawn, so that the mean is right."""
+    """Paint findings; a partly filled voxel is decided by lot, so that the mean is right."""
     axes = (lattice.x_mm, lattice.lateral_mm, lattice.superior_mm)
     voxel = float(axes[0][1] - axes[0][0])
     for one in findings:
-        if isinstance(one, Ball):
-            reach = float(one.axes_mm.max()) + voxel
-        else:
-            reach = float(np.hypot(one.half_length_mm, one.depth_mm)) + voxel
+        reach = one.reach_mm + voxel
         ends = [np.searchsorted(axis, one.centre_mm[n] + [-reach, reach])
                 for n, axis in enumerate(axes)]  # fmt: skip
         box = tuple(slice(int(first), int(last)) for first, last in ends)
@@ -176,7 +182,7 @@ def _ball_fill(ball: Ball, grid: NDArray[np.float64], voxel_mm: float) -> NDArra
     fill = np.clip(depth_mm / voxel_mm + 0.5, 0.0, 1.0)
     wanted = 4.0 / 3.0 * np.pi * float(ball.axes_mm.prod()) / voxel_mm**3
     total = float(fill.sum())
-    return np.minimum(fill * min(wanted / total, 1.0), 1.0) if total > 0.0 else fill
+    return fill * min(wanted / total, 1.0) if total > 0.0 else fill
 
 
 def _fold_fill(fold: Fold, grid: NDArray[np.float64], voxel_mm: float) -> NDArray[np.float64]:
@@ -187,6 +193,17 @@ def _fold_fill(fold: Fold, grid: NDArray[np.float64], voxel_mm: float) -> NDArra
     beside = np.clip((fold.half_width_mm - np.abs(across - bow)) / voxel_mm + 0.5, 0.0, 1.0)
     fill: NDArray[np.float64] = beside * np.clip((depth - inward) / voxel_mm + 0.5, 0.0, 1.0)
     return fill * (np.abs(along) < fold.half_length_mm)
+
+
+def _unit(vector: Vector) -> Vector:
+    unit: Vector = vector / max(float(np.linalg.norm(vector)), 1e-9)
+    return unit
+
+
+def _directions(first: Vector, other: Vector) -> NDArray[np.float64]:
+    """Rows: a unit vector, one at right angles to it and to another vector, and their product."""
+    second = _unit(np.cross(first, other))
+    return np.stack([first, second, np.cross(first, second)])
 
 
 def _turn(rng: np.random.Generator) -> NDArray[np.float64]:
@@ -264,22 +281,20 @@ def _vascular(site: Site, rng: np.random.Generator) -> list[Ball]:
     found = []
     for piece in stretch:
         (start, end), radius = site.tubes.ends_mm[piece], float(site.tubes.radius_mm[piece].mean())
-        ahead = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+        ahead = _unit(end - start)
         for _ in range(int(rng.integers(4, 14))):
-            out = np.cross(ahead, rng.standard_normal(3))
-            out /= max(float(np.linalg.norm(out)), 1e-9)
-            turn = np.stack([ahead, out, np.cross(ahead, out)])
+            turn = _directions(ahead, rng.standard_normal(3))
             size = np.array([rng.uniform(0.15, 0.5), rng.uniform(0.06, 0.12), 0.2])
-            at = start + rng.random() * (end - start) + radius * out
+            at = start + rng.random() * (end - start) + radius * turn[1]
             found.append(_calcified(at, size, turn))
     return found
 
 
 def _round(site: Site, rng: np.random.Generator) -> list[Ball]:
     """Single smooth round calcifications of half a millimetre to a little over one."""
-    found = []
+    found, inside = [], _inside(site, 4.0)
     for _ in range(int(rng.integers(1, 6))):
-        at = site.place(_inside(site, 4.0), rng)
+        at = site.place(inside, rng)
         if at is not None:
             radius = rng.uniform(0.2, 0.6) * rng.uniform(0.9, 1.1, 3)
             found.append(_calcified(at, radius, _turn(rng)))
@@ -304,16 +319,13 @@ def _popcorn(site: Site, rng: np.random.Generator) -> list[Ball]:
 
 def _rods(site: Site, rng: np.random.Generator) -> list[Ball]:
     """Secretory rods in ducts, which point to the nipple."""
-    found = []
+    found, inside = [], _inside(site, 10.0)
     for _ in range(int(rng.integers(4, 14))):
-        at = site.place(_inside(site, 10.0), rng)
+        at = site.place(inside, rng)
         if at is not None:
-            ahead = site.nipple_mm - at + 6.0 * rng.standard_normal(3)
-            ahead /= max(float(np.linalg.norm(ahead)), 1e-9)
-            side = np.cross(ahead, [0.0, 0.6, 0.8])
-            side /= max(float(np.linalg.norm(side)), 1e-9)
+            ahead = _unit(site.nipple_mm - at + 6.0 * rng.standard_normal(3))
             axes = np.array([rng.uniform(1.0, 4.0), 0.25, 0.25]) * [1.0, *rng.uniform(0.8, 1.4, 2)]
-            found.append(_calcified(at, axes, np.stack([ahead, side, np.cross(ahead, side)])))
+            found.append(_calcified(at, axes, _directions(ahead, np.array([0.0, 0.6, 0.8]))))
     return found
 
 
@@ -354,10 +366,7 @@ def _mole(site: Site, rng: np.random.Generator) -> list[Ball | Fold]:
     at = _on_skin(site, rng)
     if at is None:
         return []
-    inward = site.inward(at)
-    side = np.cross(inward, rng.standard_normal(3))
-    side /= max(float(np.linalg.norm(side)), 1e-9)
-    turn = np.stack([inward, side, np.cross(inward, side)])
+    turn = _directions(site.inward(at), rng.standard_normal(3))
     axes = np.array([rng.uniform(1.0, 2.2), *rng.uniform(1.5, 3.5, 2)])
     return [Ball(at, axes, turn, "skin", ("air",))]
 
@@ -370,11 +379,9 @@ def _fold(site: Site, rng: np.random.Generator) -> list[Ball | Fold]:
     at = _on_skin(site, rng, (along > cut - 50.0) & (along < cut - 12.0))
     if at is None:
         return []
-    inward = site.inward(at)
     way = np.array([0.0, 1.0, 1.0]) + 0.4 * rng.standard_normal(3)
-    line = np.cross(inward, way)
-    line /= max(float(np.linalg.norm(line)), 1e-9)
+    inward, line, across = _directions(site.inward(at), way)
     return [
-        Fold(at, line, np.cross(inward, line), inward, rng.uniform(14.0, 30.0),
-             rng.uniform(3.0, 8.0), float(value_at(site.skin_mm, site.frame, at)))
+        Fold(at, line, across, inward, rng.uniform(14.0, 30.0),
+             rng.uniform(3.0, 8.0), value_at(site.skin_mm, site.frame, at))
     ]  # fmt: skip

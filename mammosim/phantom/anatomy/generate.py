@@ -165,7 +165,7 @@ GenerateSettings
 
 @dataclass(frozen=True, eq=False)
 class _Anatomy:
-    """What a seed decides before any voxel is made: outline, coarse fields, tubes, nets, nipple."""
+    """What a seed decides before any voxel is made."""
 
     outline: Outline
     frame: VoxelFrame
@@ -186,8 +186,7 @@ def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastP
     labels = np.zeros(
         (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size), np.uint8
     )
-    tubes = anatomy.tubes
-    threads = anatomy.threads
+    tubes, threads = anatomy.tubes, anatomy.threads
     paint_threads(labels, lattice, threads.ends_mm, threads.radius_mm, paint.labels, seed & 0xFFFF)
     paint_tubes(labels, lattice, tubes.ends_mm, tubes.radius_mm, tubes.label)
     paint = paint._replace(
@@ -209,8 +208,8 @@ def _woman(seed: int) -> list[np.random.Generator]:
 
 
 def _breast(seed: int, laterality: str) -> list[np.random.Generator]:
-    """Streams of one breast's own: size, shape, fields, lobules, ducts, vessels, threads and what
-    is found."""
+    """Streams of one breast's own: size, shape, fields, lobules, ducts, vessels, threads and
+    findings."""
     return np.random.default_rng([seed, "LR".index(laterality) + 1]).spawn(8)
 
 
@@ -230,7 +229,7 @@ def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _A
     volume_ml = _volume_ml(settings, shared, size_rng)
     skin = float(np.clip(shared.normal(1.45, 0.18), 1.2, 2.0))
     nipple = varied(draw_nipple(settings, shared), settings, shape_rng)
-    shape = like(draw_shape(settings.volume_ml or volume_ml, shared), shape_rng)
+    shape = like(draw_shape(volume_ml, shared), shape_rng)
     axilla, muscle = draw_axilla(shape, shared), draw_muscle(shared)
     outline = fit_volume(Outline(shape, axilla), muscle, volume_ml)
     frame = coarse_frame(outline)

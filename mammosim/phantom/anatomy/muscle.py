@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.geometry import VoxelFrame
-from mammosim.phantom.anatomy.axilla import CUT_DEG, along_mm
+from mammosim.phantom.anatomy.axilla import across_mm, along_mm
 from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, mesh, near_depth
 
 COVER_MM = 7.0
@@ -87,8 +87,7 @@ def muscle_depth(muscle: Muscle, outline: Outline, frame: VoxelFrame) -> NDArray
     rise = np.clip((along_mm(lateral, superior) - muscle.start_mm) / (end - muscle.start_mm), 0, 2)
     # Below the nipple there is no wedge; above, it comes in over 4 cm.
     above = np.clip((superior + 14.0) / 50.0, 0.0, 1.0)
-    angle = np.deg2rad(CUT_DEG)
-    across = superior * np.cos(angle) - lateral * np.sin(angle) - outline.axilla.offset_mm
+    across = across_mm(lateral, superior) - outline.axilla.offset_mm
     aside = np.clip(across / outline.axilla.half_width_mm, -1.5, 1.5)
     wedge = muscle.wedge * outline.axilla.height_mm * rise**muscle.bulge
     wedge = wedge * (1.0 - muscle.bow * aside**2)
@@ -120,9 +119,8 @@ def fit_volume(outline: Outline, muscle: Muscle, volume_ml: float) -> Outline:
 def fibre_coordinates(outline: Outline, frame: VoxelFrame) -> list[NDArray[np.float64]]:
     """Coordinates along and across the muscle's bundles, which fan out from the arm, mm."""
     x, lateral, superior = mesh(frame)
-    angle = np.deg2rad(CUT_DEG)
     ahead = outline.axilla.cut_mm + INSERTION_MM - along_mm(lateral, superior)
-    across = superior * np.cos(angle) - lateral * np.sin(angle)
+    across = across_mm(lateral, superior)
     distance = np.hypot(np.maximum(ahead, 1.0), across)
     fan = INSERTION_MM * np.arctan2(across, np.maximum(ahead, 1.0))
     parts = np.broadcast_arrays(distance / BUNDLE_LENGTH, fan, 1.4 * x)

@@ -80,7 +80,7 @@ def skin_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
     outside corrected by that point's own distance. Beyond the cut the body goes on.
     """
     value = near_depth(outline, frame)
-    near = value / np.maximum(_steepness(value), 0.3)
+    near = _of_unit_slope(value)
     far, nearest = ndimage.distance_transform_edt(value > 0, sampling=GRID_MM, return_indices=True)
     far = far + np.clip(near[tuple(nearest)], -2.0 * GRID_MM, 0.0)
     weight = np.clip((near - 3.0) / 5.0, 0.0, 1.0)
@@ -95,8 +95,7 @@ def held_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
     neither differs it is large, so that nothing is done there.
     """
     points = mesh(frame)
-    joined = near_depth(outline, frame)
-    joined = joined / np.maximum(_steepness(joined), 0.3)
+    joined = _of_unit_slope(near_depth(outline, frame))
     breast = _to_first_order(level(outline.shape, points), GRID_MM)
     way = along_mm(points[1], points[2]) / outline.shape.radius_mm
     part = np.clip((way - HELD_FROM) / HELD_OVER, 0.0, 1.0)
@@ -123,6 +122,12 @@ def _to_first_order(value: NDArray[np.float64], step_mm: float) -> NDArray[np.fl
     """Distance from a level's zero, mm: level / |gradient|, bounded where it means nothing."""
     distance: NDArray[np.float64] = value / np.maximum(_steepness(value, step_mm), 1e-6)
     return np.clip(distance, -40.0, 40.0)
+
+
+def _of_unit_slope(depth_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A depth near the skin divided by its slope, which is not one where two bodies join."""
+    divided: NDArray[np.float64] = depth_mm / np.maximum(_steepness(depth_mm), 0.3)
+    return divided
 
 
 def _steepness(value: NDArray[np.float64], step_mm: float = GRID_MM) -> NDArray[np.float64]:

@@ -12,10 +12,10 @@ from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy.tubes import STEP_MM
 
 PER_ML = 6.0
-"""Threads a mL of breast. Chosen by eye."""
+"""Threads per mL of breast. Chosen by eye."""
 
 SUSPENSORY_SHARE = 0.4
-"""Share of threads that hang the gland up at the skin (Cooper's ligaments); the others run with
+"""Share of threads that suspend the gland from the skin (Cooper's ligaments); the others run with
 lobes and ducts, towards the nipple."""
 
 SKIN_START_MM = (1.5, 6.0)

@@ -90,7 +90,7 @@ def _hdf5(path: Path) -> NDArray[np.generic]:
         with h5py.File(path, "r") as file:
             stored = file[HDF5_DATASET]
             if getattr(stored, "ndim", 0) != 3 or stored.dtype.kind not in "iufb":
-                raise ValueError(f"'{HDF5_DATASET}' is no array of three axes of numbers")
+                raise ValueError(f"'{HDF5_DATASET}' is not a three-dimensional array of numbers")
             values: NDArray[np.generic] = np.asarray(stored[()])
     except (OSError, KeyError, ValueError, MemoryError) as error:
         raise InputError(

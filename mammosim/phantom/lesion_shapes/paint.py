@@ -20,8 +20,8 @@ def paint_shape(site: Site, shape: LesionShape, rotation_deg: tuple[float, float
     """Label the voxels of a shape and return its volume, mm3.
 
     Voxels are taken in the order of the part of them that the shape fills until they hold its
-    volume, those that are filled alike together. What is thinner than a voxel so stays where it
-    fills most, and where voxels hold more than the shape's volume they are filled in part.
+    volume, those that are filled alike together. A part thinner than a voxel thus stays where it
+    fills most; where the voxels hold more than the shape's volume, they count as partly filled.
 
     Parameters
     ----------

@@ -33,8 +33,8 @@ VOXEL_MM = 0.5
 MAX_INFO_BYTES = 100_000
 """Of `breastInfo.txt`, which has five lines."""
 
-LEAST_BYTES = 2
-"""Of a value: a digit and the end of its line."""
+MIN_BYTES_PER_VALUE = 2
+"""A digit and the end of its line."""
 
 BLOCK_BYTES = 1 << 24
 
@@ -61,7 +61,7 @@ def open_uwcem(path: Path) -> VoxelFile:
         raise InputError(f"{beside}: found no size, expected lines s1=..., s2=..., s3=...")
     shape = checked_shape([int(sides[axis]) for axis in "123"], path)
     count = shape[0] * shape[1] * shape[2]
-    check_promise(count * LEAST_BYTES, path.stat().st_size + 1, 1, path)
+    check_promise(count * MIN_BYTES_PER_VALUE, path.stat().st_size + 1, 1, path)
     return VoxelFile(
         path, shape, np.full(3, VOXEL_MM), np.dtype(np.float32), partial(_load, path, shape),
         label_map=LABEL_MAPS["uwcem"], whole_copies=1, files=(path, beside),
