@@ -206,7 +206,7 @@ def attempt(
         if not error.problems or not all(line.strip() for line in error.problems):
             said = "an error that says nothing"
     except Hang:
-        said = f"more than {seconds} s"
+        said = f"more than {seconds} s: {traceback.format_exc(limit=-4)}"
     except BaseException:
         said = traceback.format_exc(limit=-4)
     finally:

@@ -53,7 +53,7 @@ class Interrupted(MammosimError):
     message : str
         What was reached.
     reached : object
-        The result as far as it came.
+        The result as far as it came; None if there is none.
     """
 
     def __init__(self, message: str, reached: Any) -> None:

@@ -51,10 +51,11 @@ class Limit:
 LIMITS: tuple[Limit, ...] = (
     Limit(
         "paddle_force_n", "force on the paddle", "N", LOW_FORCE_N, 200.0, 2000.0,
-        "check thickness, stiffness and the plates' edge; about a fifth of a clinical force bears "
-        "on the breast itself",
-        "the fifth: 28 women under sensors, the rest on tissue at the chest wall, which plates in "
-        f"front of it miss (Dustler et al. 2021, Acta Radiol 62:1583). High: {_MQSA}. Low and "
+        "check thickness, stiffness and the plates' edge; of a clinical force, 22 % in CC and 14 % "
+        "in MLO bear on the breast, the rest on the chest wall's tissue, which plates in front of "
+        "it do not press",
+        "the parts: 28 women under sensors (Dustler et al. 2021, Acta Radiol 62:1583). "
+        f"High: {_MQSA}. Low and "
         "error: assumed; 49 to 186 N were measured in 560 women (Sullivan et al. 1991, Radiology "
         "181:355)",
     ),
@@ -79,7 +80,8 @@ LIMITS: tuple[Limit, ...] = (
     ),
     Limit(
         "springs_folded_percent", "share of folded cells", "%", -math.inf, 0.1, 2.0,
-        "springs fold under strong compression; compression.model: hyperelastic does not",
+        "springs fold beside the plates' edge under strong compression, the more the finer their "
+        "lattice; compression.model: hyperelastic does not",
         _CONTRACT,
     ),
     Limit(

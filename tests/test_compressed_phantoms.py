@@ -193,18 +193,34 @@ def test_a_compressed_breast_that_is_compressed_again_says_so(tmp_path):
     assert "warning: LCC: the phantom was compressed before and" in " ".join(result.output.split())
 
 
-def test_a_view_must_be_known_where_several_are_made(tmp_path):
+@pytest.mark.parametrize(
+    ("views", "compression", "why"),
+    [(["CC", "MLO"], {"model": "none"}, "compression.model is none"),
+     (["CC"], {"model": "none"}, "compression.model is none"),
+     (["CC", "MLO"], {"thickness_mm": 30}, "2 views are asked for")],
+)  # fmt: skip
+def test_the_view_of_a_compressed_breast_must_be_known(views, compression, why, tmp_path):
     save(tmp_path, slab())
-    keys = {"phantom": {"file": "a.npz"}, "compression": {"model": "none"}}
-    result = invoke("check", write(tmp_path, **keys, views=["CC", "MLO"]))
+    path = write(tmp_path, phantom={"file": "a.npz"}, compression=compression, views=views)
+    result = invoke("check", path)
     assert result.exit_code == 2
-    assert "phantom.compressed_for: left out, but the phantom holds plates" in result.output
-    breast = read_phantom(tmp_path / "a.npz")
+    said = " ".join(result.output.split())
+    expected = (
+        f"phantom.compressed_for: left out, but the phantom holds plates (label 50) and {why}"
+    )
+    assert expected in said
+    assert invoke("run", path, "--output", tmp_path / "out").exit_code == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_not_known_of_a_compressed_breast_is_said(tmp_path):
+    breast = read_phantom(save(tmp_path, slab()))
     assert "taken for those of CC" in compress(breast, "CC", model="none").notes[0]
     assert any("which breast it is: left was taken" in note for note in breast.notes)
-    one = invoke("check", write(tmp_path, **keys, views=["CC"]))
-    assert one.exit_code == 0
-    said = " ".join(one.output.split())
+    keys = {"phantom": {"file": "a.npz"}, "compression": {"thickness_mm": 30, "resolution_mm": 8}}
+    result = invoke("check", write(tmp_path, **keys, views=["CC"]))
+    assert result.exit_code == 0
+    said = " ".join(result.output.split())
     assert "warning: LCC: the phantom holds plates, but phantom.compressed_for was left" in said
     assert "warning: a compressed breast does not show which breast it is: left was taken" in said
     with pytest.raises(InputError, match="compressed_for: found 'XCC'"):

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from make_phantom import half_ellipsoid_breast
 
 import mammosim
-from mammosim.compression import compress
+from mammosim.compression import compress, hyperelastic_model, spring_model
 from mammosim.compression.lattice import (
     breast_volume_ml,
     build_lattice,
     tissue_front,
     tissue_mean,
 )
+from mammosim.compression.plate_balance import PlateForces
 from mammosim.compression.plates import population_thickness_mm
 from mammosim.geometry import View
 from mammosim.tissues import Moduli, stiffness_kpa
@@ -294,3 +297,42 @@ def test_interruption_carries_what_was_reached(breast):
         ) as caught:
             compress(breast, "CC", thickness_mm=32.0, resolution_mm=3.0, solver=solver, watch=stop)
         assert caught.value.reached.interrupted
+
+
+@pytest.mark.parametrize("search", ["springs", "hyperelastic", "force"])
+def test_interruption_while_the_plates_height_is_sought(search, breast, monkeypatch):
+    """Nothing has been compressed yet, or to another force: that is what was reached."""
+    keys = {"model": "springs", "thickness_mm": 32.0, "resolution_mm": 6.0}
+    tried = []
+
+    def stop(self, plates):
+        if search == "force" and not tried:
+            tried.append(plates)
+            return PlateForces(1.0, 1.0)
+        raise KeyboardInterrupt
+
+    if search == "hyperelastic":
+        keys |= {"model": search}
+        monkeypatch.setattr(hyperelastic_model._CoarseBody, "forces", stop)
+    else:
+        forces = partial(stop, None)
+        monkeypatch.setattr(spring_model, "_coarse_forces", lambda case: forces)
+    if search == "force":
+        keys |= {"thickness_mm": None, "force_n": 1e3}
+    with pytest.raises(mammosim.Interrupted, match="LCC: compression was interrupted") as caught:
+        compress(breast, "CC", **keys)
+    reached = caught.value.reached
+    assert reached.interrupted
+    assert not reached.converged
+    assert (reached.force_n > 0.0) == (search == "force")
+    assert np.isfinite(reached.displacement_at(np.array([[10.0, 0.0, 0.0]]))).all()
+
+
+def test_interruption_before_anything_is_compressed(breast, monkeypatch):
+    def stop(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(spring_model, "make_case", stop)
+    with pytest.raises(mammosim.Interrupted, match="LCC: compression was interrupted") as caught:
+        compress(breast, "CC", thickness_mm=32.0)
+    assert caught.value.reached is None

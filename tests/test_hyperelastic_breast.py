@@ -1,5 +1,7 @@
 """The hyperelastic model of a breast with skin and fascia: its error, its settings, its weight."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,9 @@ from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import Contact
 from mammosim.compression.hyperelastic.structure import Structure
 from mammosim.compression.hyperelastic.surface import SurfacePoints
+from mammosim.compression.hyperelastic.tilt import _between
 from mammosim.compression.multigrid import Workspace
+from mammosim.compression.plate_balance import BALANCED
 from mammosim.compression.plates._straight_kernels import StraightPlate
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
@@ -192,6 +196,31 @@ def test_the_moment_about_the_hinge_is_the_springs(usual):
     found = paddle(size_mm=(60.0, 100.0), tilt=tilt).measures
     assert abs(found["paddle_tilt_deg"]) > 0.5
     assert found["paddle_moment_nm"] == pytest.approx(0.6 * found["paddle_tilt_deg"], rel=0.01)
+
+
+def test_a_paddle_that_gives_way_presses_as_much_as_the_support():
+    """Also where it tilts far, so that the height that was balanced for a level one is not its."""
+    tilt = {"spring_nm_per_deg": 0.15, "hinge_mm": 50.0, "max_deg": 10.0}
+    breast = skinned()
+    flat = breast.labels.copy()
+    flat[10:, :, 32:] = 0  # no tissue higher than 8 mm above the middle in front
+    breast = replace(breast, labels=flat)
+    keys = {**KEYS, "thickness_mm": 35.0, "paddle": {"size_mm": (60.0, 100.0), "tilt": tilt}}
+    found = mammosim.compress(breast, "CC", **keys)
+    assert abs(found.measures["paddle_tilt_deg"]) > 5.0
+    support_n = found.measures["support_force_n"]
+    assert found.force_n == pytest.approx(support_n, rel=BALANCED)
+
+
+@pytest.mark.parametrize(
+    ("ends", "angle"),
+    [([(0.0, -1.0), (2.0, 1.0)], 1.0),  # a zero between
+     ([(0.0, -1.0), (2.0, -0.5)], 4.0), ([(0.0, -1.0), (2.0, -0.9)], 5.0),  # beyond, within stops
+     ([(0.0, -1.0), (2.0, -1.0)], 5.0), ([(0.0, 1.0), (-2.0, 1.0)], -5.0),  # no slope
+     ([(0.0, -1.0), (2.0, -1.5)], 5.0)],  # falling
+)  # fmt: skip
+def test_the_next_angle_of_a_paddle(ends, angle):
+    assert _between(ends, 5.0) == pytest.approx(angle)
 
 
 def test_a_spot_paddle_presses_a_part_of_the_breast_with_less_force(usual):

@@ -65,7 +65,7 @@ def compress(
         If the solver stopped before its tolerance, or reached what cannot be a result (see
         `mammosim.plausibility`); it carries what was reached.
     Interrupted
-        If the user stopped it; it carries what was reached.
+        If the user stopped it; it carries what was reached, or None if nothing was.
     """
     settings = given_settings(CompressionSettings, settings, keys, "compress()", ("compression",))
     if isinstance(view, str):
@@ -73,7 +73,10 @@ def compress(
     view = view_of_compressed(breast, view)
     held = as_held(breast, view.rotation[1])
     model = MODELS[settings.model]
-    squeezed: CompressedBreast = model.compress(held, view, settings, seed, watch)
+    try:
+        squeezed: CompressedBreast = model.compress(held, view, settings, seed, watch)
+    except KeyboardInterrupt:  # outside of all that keeps what it reached
+        raise Interrupted(f"{view.folder}: compression was interrupted", None) from None
     before = held_before(breast, view, model.compresses)
     squeezed = replace(squeezed, notes=(*squeezed.notes, *before))
     if squeezed.interrupted:

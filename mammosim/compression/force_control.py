@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from mammosim.compression.plate_balance import (
     MAX_CORRECTIONS,
     BalancedHeight,
+    PlateForces,
     S,
     Solve,
     Tried,
@@ -35,6 +38,7 @@ def settled(
     height_mm: float,
     balance: BalancedHeight,
     solve: Solve[S],
+    at_rest: Callable[[], tuple[Plates, S]],
 ) -> tuple[Plates, S]:
     """Equilibrium between plates as the settings say: at given heights, a gap, or a force.
 
@@ -50,17 +54,31 @@ def settled(
     balance : BalancedHeight
         Where the plates go whose heights the settings do not give.
     solve : callable
+    at_rest : callable
+        The open plates, and the breast between them before anything moves.
 
     Returns
     -------
     plates : Plates
     state : state of the model
+        Where the user stops the search: the last one that was solved, marked as interrupted.
     """
-    if settings.support_z_mm is not None:
-        return plates, solve(plates, None)[0]
-    if settings.force_n is not None:
-        return reach_force(plates, height_mm, settings.force_n, balance, solve)
-    return balanced(plates, balance, solve)
+    last: list[tuple[Plates, S]] = []
+
+    def kept(plates: Plates, start: S | None) -> tuple[S, PlateForces]:
+        state, forces = solve(plates, start)
+        last[:] = [(plates, state)]
+        return state, forces
+
+    try:
+        if settings.support_z_mm is not None:
+            return plates, solve(plates, None)[0]
+        if settings.force_n is not None:
+            return reach_force(plates, height_mm, settings.force_n, balance, kept)
+        return balanced(plates, balance, kept)
+    except KeyboardInterrupt:
+        plates, state = last[0] if last else at_rest()
+        return plates, state.stopped()
 
 
 def reach_force(

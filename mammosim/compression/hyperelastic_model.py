@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeGuard
 
 import numpy as np
@@ -22,7 +22,7 @@ from mammosim.compression.hyperelastic.measures import (
 from mammosim.compression.hyperelastic.mesh import WALL, Mesh, Support, build_mesh
 from mammosim.compression.hyperelastic.newton import State
 from mammosim.compression.hyperelastic.stages import HISTORY, Stages
-from mammosim.compression.hyperelastic.tilt import level_paddle, moment_nm
+from mammosim.compression.hyperelastic.tilt import level_paddle, moment_nm, tilted
 from mammosim.compression.model import MechanicalModel
 from mammosim.compression.plate_balance import BalancedHeight, PlateForces
 from mammosim.compression.plates import (
@@ -75,14 +75,19 @@ class BodyBetweenPlates(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Reached:
-    """A state and the plates that it lies between."""
+    """A state, the plates that it lies between, and whether a spring-loaded paddle met its stop."""
 
     state: State
     plates: Plates
+    at_stop: bool = False
 
     @property
     def converged(self) -> bool:
         return self.state.converged and not self.state.interrupted
+
+    def stopped(self) -> _Reached:
+        """The same, where the user stopped the search."""
+        return replace(self, state=replace(self.state, converged=False, interrupted=True))
 
 
 def compress_hyperelastic(
@@ -128,24 +133,34 @@ def compress_hyperelastic(
         weightless=not settings.gravity,
     )  # fmt: skip
 
+    tilt = settings.paddle.tilt if settings.paddle else None
+
     def equilibrium(plates: Plates, start: _Reached | None) -> tuple[_Reached, PlateForces]:
         if _is_near(start, plates):
+            if start.plates.panel is not None:
+                plates = tilted(plates, start.plates.panel.tilt_deg)
             state = stages.settle(plates, start.state.u)
         else:
             state = stages.compress(plates, start=coarse.start(plates))
-        return _Reached(state, plates), plate_forces(stages.contact(0, plates), state, edge_mm)
+        stopped = False
+        if tilt is not None and tilt.spring_nm_per_deg is not None:
+            plates, state, stopped = level_paddle(
+                stages, plates, state, tilt.spring_nm_per_deg, tilt.max_deg
+            )
+        forces = plate_forces(stages.contact(0, plates), state, edge_mm)
+        return _Reached(state, plates, stopped), forces
 
     bottom, top = mesh.elements.height_mm
-    plates, reached = settled(plates, settings, top - bottom, balance, equilibrium)
-    state = reached.state
-    tilt = settings.paddle.tilt if settings.paddle else None
-    if tilt is not None and tilt.spring_nm_per_deg is not None:
-        levelled = level_paddle(stages, plates, state, tilt.spring_nm_per_deg, tilt.max_deg)
-        plates, state = levelled.plates, levelled.state
-        if levelled.stopped:
-            stop = f"{view.folder}: the paddle tilts as far as its stop at {tilt.max_deg:g} degrees"
-            notes = (*notes, stop)
-    return _result(breast, view, stages, plates, state, notes)
+
+    def at_rest() -> tuple[Plates, _Reached]:
+        opened = replace(plates, support_z_mm=bottom - edge_mm, paddle_z_mm=top + edge_mm)
+        return opened, _Reached(stages.at_rest(opened), opened)
+
+    _, reached = settled(plates, settings, top - bottom, balance, equilibrium, at_rest)
+    if tilt is not None and reached.at_stop:
+        stop = f"{view.folder}: the paddle tilts as far as its stop at {tilt.max_deg:g} degrees"
+        notes = (*notes, stop)
+    return _result(breast, view, stages, reached.plates, reached.state, notes)
 
 
 class _CoarseBody:
@@ -166,8 +181,10 @@ class _CoarseBody:
             state = self._stages.settle(plates, self._before.state.u, self._level)
         if state is None or not (state.converged or state.interrupted):
             state = self._stages.compress(plates, self._level)
+        if state.interrupted:
+            raise KeyboardInterrupt
         reached = _Reached(state, plates)
-        self._before = reached if reached.converged or state.interrupted else None
+        self._before = reached if reached.converged else None
         if not reached.converged:
             return None
         edge_mm = 2.0**self._level * float(self._stages.mesh.nodes.spacing_mm[0])

@@ -101,7 +101,7 @@ class CompressionKeys(TypedDict, total=False):
 
     thickness_mm: float | None
     """Gap between the plates' faces, mm; left out: from the breast's volume by the population fit
-    of Hogg et al. (M-PACT)."""
+    of Hogg et al. (M-PACT), at most 80 % of the breast's height between the plates."""
 
     force_n: float | None
     """Force on the paddle, N, in place of a thickness."""

@@ -26,6 +26,9 @@ class MechanicalModel:
     cautions : callable
         ``cautions(settings)``: sentences on what makes a result of these settings doubtful, which
         are known before anything is computed.
+    foreseen : callable
+        ``foreseen(coarse, settings)``: numbers to hold against those limits that a compression on a
+        coarse lattice lets expect of these settings, before the breast itself is compressed.
     own_keys : tuple of str
         Keys of `CompressionSettings` that other models do not know.
     usual : mapping
@@ -50,6 +53,7 @@ class MechanicalModel:
     where_it_stopped: Callable[[Any, Any], str]
     quantities: Callable[[Any, Any], Mapping[str, float]] = lambda compressed, settings: {}
     cautions: Callable[[Any], tuple[str, ...]] = lambda settings: ()
+    foreseen: Callable[[Any, Any], Mapping[str, float]] = lambda coarse, settings: {}
     own_keys: tuple[str, ...] = ()
     usual: Mapping[str, Any] = field(default_factory=dict)
     chest_walls: tuple[str, ...] = ("fixed", "sliding", "fascia")

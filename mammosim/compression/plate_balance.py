@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Generic, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -51,6 +51,10 @@ class Equilibrium(Protocol):
         """Whether the solver reached its tolerance."""
         ...
 
+    def stopped(self) -> Self:
+        """The same state, at which the user stopped the search."""
+        ...
+
 
 S = TypeVar("S", bound=Equilibrium)
 
@@ -77,7 +81,7 @@ class BalancedHeight:
     ----------
     forces : callable
         ``forces(plates)`` on a coarse copy of the breast without weight; None where its solver did
-        not converge.
+        not converge. It raises `KeyboardInterrupt` where the user stopped it.
     low_mm, high_mm : float
         Lowest and highest face of the breast between the plates at rest.
     weightless : bool
@@ -147,6 +151,19 @@ class BalancedHeight:
         self._offset_mm += move
         return plates.at_height(plates.centre_mm + move)
 
+    def learn(self, one: Tried[S], other: Tried[S]) -> bool:
+        """Take the slope between two heights of the breast itself; False if it is none.
+
+        A paddle that tilts does so by another angle at each height, which the coarse copy does not
+        know.
+        """
+        rise = other.plates.centre_mm - one.plates.centre_mm
+        slope = one.plates.thickness_mm * (other.forces.imbalance - one.forces.imbalance)
+        if rise == 0.0 or slope / rise <= 0.0:
+            return False
+        self._slope = slope / rise
+        return True
+
 
 def balanced(plates: Plates, height: BalancedHeight, solve: Solve[S]) -> tuple[Plates, S]:
     """Equilibrium between plates of a given gap, at the height at which they press alike.
@@ -171,8 +188,11 @@ def balanced(plates: Plates, height: BalancedHeight, solve: Solve[S]) -> tuple[P
             break
         plates = height.corrected(best.plates, best.forces)
         tried = Tried(plates, *solve(plates, best.state))
-        worse = abs(tried.forces.imbalance) >= abs(best.forces.imbalance)
-        if worse or not tried.state.converged:
+        if not tried.state.converged:
             break
-        best = tried
+        learned = height.learn(best, tried)
+        if abs(tried.forces.imbalance) < abs(best.forces.imbalance):
+            best = tried
+        elif not learned:
+            break
     return best.plates, best.state

@@ -151,7 +151,7 @@ class CompressionSettings(Settings):
 
     thickness_mm: float | None = Field(default=None, ge=1, le=MAX_LENGTH_MM)
     """Gap between the plates' faces, mm; left out: from the breast's volume by the population fit
-    of Hogg et al. (M-PACT)."""
+    of Hogg et al. (M-PACT), at most 80 % of the breast's height between the plates."""
 
     force_n: float | None = Field(default=None, ge=0.1, le=MAX_FORCE_N)
     """Force on the paddle, N, in place of a thickness."""

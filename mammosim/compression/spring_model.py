@@ -24,6 +24,7 @@ from mammosim.compression.plates import (
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.spring_case import SpringCase, make_case
 from mammosim.compression.springs import SpringProblem, SpringState, relax, solve
+from mammosim.compression.springs.equilibrium import HISTORY
 from mammosim.compression.springs.measures import plate_forces, spring_measures
 from mammosim.compression.springs.resolution import coarsened
 from mammosim.compression.thesis_units import in_millimetres
@@ -127,8 +128,13 @@ def compress_springs(
         return state, plate_forces(problem, state, case.spacing_mm)
 
     bottom, top = case.lattice.height_mm
+
+    def at_rest() -> tuple[Plates, SpringState]:
+        opened = replace(plates, support_z_mm=bottom, paddle_z_mm=top)
+        return opened, _at_rest(case)
+
     plates, state = settled(
-        plates, settings, top - bottom, _balanced_height(case, edge), equilibrium
+        plates, settings, top - bottom, _balanced_height(case, edge), equilibrium, at_rest
     )
     return _result(
         breast, view, case, plates, state, (*_cautions(settings), *case.lattice.notes, *notes)
@@ -136,7 +142,13 @@ def compress_springs(
 
 
 def _balanced_height(case: SpringCase, edge_mm: float) -> BalancedHeight:
-    """The search of the plates' height, on a coarse lattice solved anew for each."""
+    weightless = all(force is None for force in case.force)
+    heights = heights_beyond_edge_mm(case.lattice, edge_mm)
+    return BalancedHeight(_coarse_forces(case), *heights, weightless)
+
+
+def _coarse_forces(case: SpringCase) -> Callable[[Plates], PlateForces | None]:
+    """Forces of plates at a place, on a coarse lattice without weight that is solved anew."""
 
     def forces(plates: Plates) -> PlateForces | None:
         problem, spacing = replace(case.problem(plates), force=(None, None, None)), case.spacing_mm
@@ -147,8 +159,13 @@ def _balanced_height(case: SpringCase, edge_mm: float) -> BalancedHeight:
             raise KeyboardInterrupt
         return plate_forces(problem, state, spacing) if state.converged else None
 
-    weightless = all(force is None for force in case.force)
-    return BalancedHeight(forces, *heights_beyond_edge_mm(case.lattice, edge_mm), weightless)
+    return forces
+
+
+def _at_rest(case: SpringCase) -> SpringState:
+    """The lattice before anything moves."""
+    x, y, z = (np.zeros(case.lattice.modulus.shape) for _ in range(3))
+    return SpringState((x, y, z), False, np.inf, np.zeros(0, HISTORY))
 
 
 def _result(
@@ -188,12 +205,28 @@ def _where_it_stopped(compressed: CompressedBreast, settings: CompressionSetting
 
 
 def _quantities(compressed: CompressedBreast, settings: CompressionSettings) -> dict[str, float]:
-    measures = compressed.measures
     return {
         **contact_quantities(compressed, settings),
-        "springs_volume_loss_percent": measures["volume_change_percent"],
-        "springs_folded_percent": 100.0 * measures["inverted_cells"] / max(measures["cells"], 1.0),
+        "springs_volume_loss_percent": compressed.measures["volume_change_percent"],
+        "springs_folded_percent": _folded_percent(compressed),
     }
+
+
+def _folded_percent(compressed: CompressedBreast) -> float:
+    measures = compressed.measures
+    return 100.0 * measures["inverted_cells"] / max(measures["cells"], 1.0)
+
+
+def _foreseen(coarse: CompressedBreast, settings: CompressionSettings) -> dict[str, float]:
+    """Folded cells of a finer lattice: their share grows as the spacing falls.
+
+    Tissue between the plates' edge and the chest wall is sheared so that layers pass through each
+    other, the more the nearer to the edge. From 3 mm to 1 mm the share grew by 2.6 to 4.0 in
+    generated breasts, to 2 mm by 1.5 to 2.1: about the inverse of the spacing.
+    """
+    spacing_mm = float(coarse.field.frame.spacing_mm[0])
+    finer = max(1.0, spacing_mm / settings.resolution_mm)
+    return {"springs_folded_percent": _folded_percent(coarse) * finer}
 
 
 def _cautions(settings: CompressionSettings) -> tuple[str, ...]:
@@ -206,6 +239,7 @@ SPRINGS = MechanicalModel(
     where_it_stopped=_where_it_stopped,
     quantities=_quantities,
     cautions=_cautions,
+    foreseen=_foreseen,
     own_keys=("spring_law", "gravity", "chest_wall_mm", "plates_voxel"),
     chest_walls=("fixed",),
     bytes_per_node=BYTES_PER_NODE,

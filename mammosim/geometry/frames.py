@@ -30,7 +30,7 @@ def compression_from_breast(angle_deg: float, laterality: str) -> NDArray[np.flo
 
     Examples
     --------
-    >>> (compression_from_breast(45.0, "L") @ [0.0, -1.0, 1.0]).round(6).tolist()
+    >>> np.abs(compression_from_breast(45.0, "L") @ [0.0, -1.0, 1.0]).round(6).tolist()
     [0.0, 0.0, 1.414214]
     """
     angle = np.deg2rad(angle_deg)

@@ -160,6 +160,8 @@ def _number_problems(block: dict[str, Any], where: str) -> list[str]:
         _is_number(value) and value >= 0.0 for value in percent.values()
     ):
         problems.append(f"{where}: mass_percent: found {percent!r}, expected 'element: per cent'")
+    elif odd := [element for element in percent if not _is_symbol(element)]:
+        problems.append(f"{where}: mass_percent: found the element {odd[0]!r}, expected H, C, ...")
     elif not 98.0 <= sum(percent.values()) <= 102.0:
         problems.append(f"{where}: mass_percent adds up to {sum(percent.values()):g}, expected 100")
     return problems
@@ -167,6 +169,11 @@ def _number_problems(block: dict[str, Any], where: str) -> list[str]:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_symbol(element: Any) -> bool:
+    """Whether a key may be an element's symbol: letters, which xraylib takes."""
+    return isinstance(element, str) and element.isascii() and element.isalpha()
 
 
 def _material(name: str, block: dict[str, Any]) -> Material:

@@ -13,7 +13,7 @@ from mammosim.compression.continuation import continued
 from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import PENALTY, Contact
 from mammosim.compression.hyperelastic.mesh import ALIGNED, Mesh
-from mammosim.compression.hyperelastic.newton import State, Step
+from mammosim.compression.hyperelastic.newton import State, Step, evaluate, step_of
 from mammosim.compression.hyperelastic.surface import SurfacePoints
 from mammosim.compression.hyperelastic.trust_region import minimise
 from mammosim.compression.multigrid import Workspace, add_interpolated
@@ -152,6 +152,13 @@ class Stages:
             return state
         tolerance = self.tolerance if level == 0 else LOOSE
         return self._minimise(self.bodies[level], level, plates, state.u, tolerance)
+
+    def at_rest(self, plates: Plates) -> State:
+        """The mesh before anything moves, between plates."""
+        contact, u = self.contact(0, plates), np.zeros((3, *self.mesh.body.nodes.shape))
+        value = evaluate(self.mesh.body, contact, u)
+        step = step_of(self.mesh.body, contact, value, 0, 1.0, (np.inf, np.inf))
+        return State(u, value, step, False)
 
     def without_weight(self) -> Stages:
         """The same bodies, on which gravity does not act."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,23 +18,19 @@ MAX_TRIALS = 12
 """Angles that are tried at most."""
 
 
-@dataclass(frozen=True, eq=False)
-class Levelled:
+class Levelled(NamedTuple):
     """A tilted paddle at rest.
 
     Parameters
     ----------
     plates : Plates
     state : State
-    moment_nm : float
-        Of the breast on the paddle about its hinge, N m.
     stopped : bool
         Whether the paddle has met its stop, which carries a part of the moment.
     """
 
     plates: Plates
     state: State
-    moment_nm: float
     stopped: bool
 
 
@@ -75,7 +72,7 @@ def level_paddle(
     ----------
     stages : Stages
     plates : Plates
-        With a level panel.
+        With a panel, at the angle where the search starts.
     state : State
         Between them.
     spring_nm_per_deg : float
@@ -90,39 +87,46 @@ def level_paddle(
 
     Notes
     -----
-    The excess, spring less moment, grows with the angle. Its zero lies between the level paddle and
-    the stop and is found by the Illinois variant of regula falsi (Dowell & Jarratt 1971, BIT
-    11:168-174); each angle starts from the state at the one before.
+    The excess, spring less moment, grows with the angle. Its zero lies between the stops and is
+    found by the Illinois variant of regula falsi (Dowell & Jarratt 1971, BIT 11:168-174); each
+    angle starts from the state at the one before.
     """
-    moment = moment_nm(stages, plates, state)
-    if not state.converged or moment == 0.0:
-        return Levelled(plates, state, moment, False)
-    angle = float(np.copysign(min(abs(moment) / spring_nm_per_deg, max_deg), moment))
-    ends = [(0.0, -moment)]
+    angle = plates.panel.tilt_deg if plates.panel else 0.0
+    ends: list[tuple[float, float]] = []
     for _ in range(MAX_TRIALS):
-        turned = tilted(plates, angle)
-        state = stages.settle(turned, state.u)
-        moment = moment_nm(stages, turned, state)
+        if ends:
+            plates = tilted(plates, angle)
+            state = stages.settle(plates, state.u)
+        moment = moment_nm(stages, plates, state)
         excess = spring_nm_per_deg * angle - moment
         stopped = abs(angle) == max_deg and excess * angle < 0.0
         if not state.converged or stopped or abs(excess) <= MOMENT_TOLERANCE * abs(moment):
-            return Levelled(turned, state, moment, stopped)
+            return Levelled(plates, state, stopped)
         ends = _bracket(ends, (angle, excess))
-        angle = _between(ends, max_deg)
-    return Levelled(turned, replace(state, converged=False), moment, False)
+        if len(ends) == 1:
+            angle = float(np.clip(moment / spring_nm_per_deg, -max_deg, max_deg))
+        else:
+            angle = _between(ends, max_deg)
+    return Levelled(plates, replace(state, converged=False), False)
 
 
 def _bracket(
     ends: list[tuple[float, float]], found: tuple[float, float]
 ) -> list[tuple[float, float]]:
     """The newest point and the last one beyond the zero, whose excess is halved if it stays."""
-    if len(ends) == 1 or ends[1][1] * found[1] < 0.0:
-        return [ends[-1], found]
+    if len(ends) < 2 or ends[1][1] * found[1] < 0.0:
+        return [*ends[-1:], found]
     other, excess = ends[0]
     return [(other, 0.5 * excess), found]
 
 
 def _between(ends: list[tuple[float, float]], max_deg: float) -> float:
-    """Where the line through two points is zero, within the stops."""
+    """Where the line through two points is zero, within the stops.
+
+    Where the excess does not grow from one to the other, no zero lies near: the stop on the side
+    that the breast presses to.
+    """
     (a, at_a), (b, at_b) = ends
+    if (at_b - at_a) * (b - a) <= 0.0:
+        return float(np.copysign(max_deg, -at_b))
     return float(np.clip(a - at_a * (b - a) / (at_b - at_a), -max_deg, max_deg))

@@ -137,11 +137,14 @@ def _thickness_mm(
     thickness = min(fitted, MOST_OF_HEIGHT * height_mm)
     if settings.force_n is not None:
         return thickness, ()
-    note = (
-        f"{view.folder}: thickness not given; {thickness:.1f} mm from the population fit for a "
-        f"breast of {volume_ml:.0f} mL"
-    )
-    return thickness, (note,)
+    fit = f"the population fit for a breast of {volume_ml:.0f} mL"
+    taken = f"{thickness:.1f} mm from {fit}"
+    if thickness < fitted:
+        taken = (
+            f"{thickness:.1f} mm, {100.0 * MOST_OF_HEIGHT:.0f} % of the breast's height between "
+            f"the plates ({height_mm:.1f} mm), which {fit} exceeds ({fitted:.1f} mm)"
+        )
+    return thickness, (f"{view.folder}: thickness not given; {taken}",)
 
 
 def _check_heights(

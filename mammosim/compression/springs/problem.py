@@ -112,3 +112,7 @@ class SpringState:
     error: float
     history: NDArray[np.void]
     interrupted: bool = False
+
+    def stopped(self) -> SpringState:
+        """The same state, at which the user stopped a search."""
+        return replace(self, converged=False, interrupted=True)

@@ -17,6 +17,7 @@ from mammosim.errors import InputError, NotConverged
 from mammosim.phantom import BreastPhantom, PhantomSettings, box_text, check_shapes, make_phantom
 from mammosim.pipeline.configuration.resolved_view import ResolvedView
 from mammosim.pipeline.configuration.run_config import RunConfig
+from mammosim.plausibility import doubts
 from mammosim.projection import (
     cast_shadow,
     check_arc,
@@ -117,14 +118,7 @@ def check_compression(config: RunConfig, breast: BreastPhantom, slack_mm: float 
     InputError
         With one line a view.
     """
-    problems: list[str] = []
-    names = {view.view for view in config.views}
-    held = breast.compressed
-    if held is not None and held.view is None and len(names) > 1:
-        problems.append(
-            "phantom.compressed_for: left out, but the phantom holds plates (label 50) and "
-            f"{len(names)} views are asked for; expected CC, MLO or ML, and that view alone"
-        )
+    problems = _unnamed_view(config, breast)
     for view in config.resolved_views:
         try:
             check_plates(breast, view.position(breast.laterality), view.compression, slack_mm)
@@ -134,11 +128,26 @@ def check_compression(config: RunConfig, breast: BreastPhantom, slack_mm: float 
         raise InputError(dict.fromkeys(problems))
 
 
+def _unnamed_view(config: RunConfig, breast: BreastPhantom) -> list[str]:
+    """What is wrong where plates hold the breast, but not said is for which view."""
+    if breast.compressed is None or breast.compressed.view is not None:
+        return []
+    names = {view.view for view in config.views}
+    as_it_is = not all(MODELS[view.compression.model].compresses for view in config.resolved_views)
+    if not as_it_is and len(names) == 1:
+        return []
+    why = "compression.model is none" if as_it_is else f"{len(names)} views are asked for"
+    return [
+        f"phantom.compressed_for: left out, but the phantom holds plates (label 50) and {why}; "
+        "expected CC, MLO or ML, and that view alone"
+    ]
+
+
 def _check_shadows(config: RunConfig, breast: BreastPhantom) -> list[str]:
     """Refuse focal spots and detectors that certainly leave no breast in the picture.
 
     The breast is compressed on a coarse lattice of springs, in about a second. Returns what will be
-    cut off, one sentence a view.
+    doubtful or cut off, one sentence each.
     """
     problems: list[str] = []
     notes: list[str] = []
@@ -146,6 +155,10 @@ def _check_shadows(config: RunConfig, breast: BreastPhantom) -> list[str]:
         compressed = _coarsely_compressed(breast, view)
         if compressed is None:
             continue  # the run itself says it better
+        foreseen = doubts(MODELS[view.compression.model].foreseen(compressed, view.compression))
+        notes += [f"{compressed.view.folder}: {doubt}, {_BY_ESTIMATE}" for doubt in foreseen]
+        if not compressed.converged:
+            continue
         try:
             found = check_shadow(compressed, view.projection, view.tomosynthesis)
             _check_volume(compressed, view)
@@ -170,7 +183,10 @@ def _coarsely_compressed(breast: BreastPhantom, view: ResolvedView) -> Compresse
     held = coarse if MODELS[settings.model].compresses else settings
     try:
         return compress(breast, view.position(breast.laterality), held)
-    except (InputError, NotConverged):
+    except NotConverged as error:
+        reached: CompressedBreast = error.reached
+        return reached
+    except InputError:
         return None
 
 

@@ -224,7 +224,7 @@ def _view_line(
         elif compression.paddle_z_mm is not None and compression.support_z_mm is not None:
             goal = f"to {compression.paddle_z_mm - compression.support_z_mm:g} mm"
         else:
-            goal = "to the thickness of the population fit"
+            goal = "to the population fit's thickness, at most 80 % of the breast's height"
         method = model.method(compression)
         how = f"compressed {goal} ({method}, at most {nodes / 1e6:.2f} million nodes)"
     return f"{name}: {how}; projected onto {pixels / 1e6:.1f} million pixels of {pixel_mm:g} mm"

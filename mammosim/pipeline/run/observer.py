@@ -204,7 +204,8 @@ class RunObserver:
             self.unfinished.append(error)
             compressed = error.reached
         except Interrupted as stop:
-            self._keep_compression(stop.reached, breast)
+            if stop.reached is not None:
+                self._keep_compression(stop.reached, breast)
             raise
         self._keep_compression(compressed, breast)
         return compressed
