@@ -28,6 +28,7 @@ import traceback
 import tracemalloc
 import zipfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,20 +36,23 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import numba
 import numpy as np
+import trimesh
 from make_run import invoke, save_breast, write
 from make_volumes import FORMATS, save, small_breast
 
-from mammosim.acquisition import AcquisitionSettings, check_acquisition
+from mammosim.acquisition import AcquisitionSettings, check_acquisition, expose
 from mammosim.acquisition.spectrum import make_beam
 from mammosim.cohort import cohort_status, load_cohort, plan_cohort
 from mammosim.compression import compress
 from mammosim.config import read_yaml
 from mammosim.errors import InputError, NotConverged
-from mammosim.phantom import make_phantom, read_phantom
+from mammosim.phantom import generate_phantom, make_phantom, read_phantom
+from mammosim.phantom.lesion_shapes import read_shape
 from mammosim.pipeline import (
     RunConfig,
     RunFolder,
     apply_change,
+    check_before,
     check_settings,
     config_of,
     is_finished,
@@ -57,6 +61,7 @@ from mammosim.pipeline import (
     make_plan,
     simulate,
 )
+from mammosim.projection import project
 from mammosim.tissues import load_label_map
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -68,6 +73,9 @@ RUN_SECONDS = 200
 
 BOMBS = 0.05
 """Part of the trials for them that are bombs: they take a hundred times as long as others."""
+
+CHECKED = 0.01
+"""Part of the sound configurations that are checked as `mammosim check` does: it takes seconds."""
 
 SPARE_BYTES = 24 << 20
 """Buffers of readers and libraries, beside a quarter more than an input honestly needs."""
@@ -95,6 +103,55 @@ TEXTS = [
     "!!int '0b1'", "%YAML 9.9", "\x00", "\ufeff", "\u2028", "0x", "1_000", "1e", ": :", "- -",
     "@",
 ]  # fmt: skip
+
+EVERYTHING: list[dict[str, Any]] = [
+    {
+        "patient": {"id": "P-1", "name": "Doe^Jane", "birth_date": "19700102", "sex": "F",
+                    "accession": "A1", "study_uid_from": "one study"},
+        "phantom": {
+            "generate": {"density": "b", "voxel_mm": 2.0, "volume_ml": 300},
+            "lesions": [
+                {"name": "m", "kind": "mass", "file": "mass.stl", "rotation_deg": [0, 30, 0],
+                 "laterality": "R", "position_mm": [30, 0, 0]},
+                {"name": "v", "kind": "mass", "file": "mass.npy", "voxel_mm": 1.0},
+                {"name": "k", "kind": "calcification", "diameter_mm": 5},
+            ],
+            "landmarks": [{"name": "p", "position_mm": [20, 0, 0], "laterality": "L"}],
+        },
+        "laterality": ["R", "L"],
+        "compression": {"model": "hyperelastic", "resolution_mm": 6, "gravity": True,
+                        "skin": {"young_kpa": 60, "thickness_mm": 1.5}, "fibres": {"ratio": 2},
+                        "chest_wall": "fascia", "tolerance_mm": 0.05},
+        "acquisition": {"contrast": {"lesion_mg_ml": 1.0, "kvp": 49, "filter": "Cu"},
+                        "scatter": {"model": "kernels"}, "look": "soft"},
+        "views": [
+            "MLO",
+            {"view": "CC", "name": "CC_spot", "laterality": "R",
+             "paddle": {"size_mm": [60, 80], "centre_mm": [40, 0], "tilt": {"angle_deg": 3}}},
+            {"view": "ML", "paddle": {"tilt": {"spring_nm_per_deg": 0.2, "hinge_mm": 30}}},
+        ],
+        "targets": {"biopsy": {"view": "none", "posture": "prone", "needle": "lateral"}},
+        "export": {"dose_map": True, "compressed_formats": ["nrrd", "victre"]},
+    },
+    {
+        "phantom": {"file": {"L": "left.npz", "R": "right.npz"}, "compressed_for": "CC",
+                    "lesions_from_labels": {"merge_mm": 2, "min_volume_mm3": 0.05}},
+        "laterality": ["L", "R"],
+        "compression": {"model": "none"},
+        "acquisition": {"noise_seed": 4, "realisations": 2, "grid": False},
+        "projection": {"support_to_detector_mm": 290, "pixel_mm": 1.0},
+        "views": ["CC", {"dbt": {"view": "CC", "projections": 5, "angle_range_deg": 20,
+                                 "reconstruct": {"method": "sart", "slice_mm": 2}}}],
+    },
+    {
+        "phantom": {"file": "mtype.txt", "labels": "numbers.yaml", "reduce": 2},
+        "compression": {"thickness_mm": 40, "stiffness_kpa": {"gland": 20}, "force_tolerance": 1},
+        "targets": {"biopsy": {"view": "same", "force_n": 80}, "uncertainty": {"samples": 10}},
+        "views": [{"view": "MLO", "acquisition": {"mas": 60}, "thickness_mm": 50}],
+    },
+]  # fmt: skip
+"""Configurations with the keys of an exam, lesions from files, a contrast pair, paddles, a posture,
+precompressed breasts, reconstruction, a text phantom and several draws."""
 
 EXTREME_SECTIONS = ("compression", "projection", "acquisition", "targets")
 """Sections whose numbers are taken to their ends in whole runs."""
@@ -138,6 +195,11 @@ def main() -> None:
                 try_label_table,
                 try_table_of_materials,
                 try_no_file,
+                try_shape,
+                try_text_phantom,
+                try_output,
+                try_command,
+                try_keywords,
             ),
         }
         for kind, count in (
@@ -162,8 +224,10 @@ class Sound:
     def __init__(self, folder: Path) -> None:
         folder.mkdir()
         self.run_values = [
-            read_yaml(CONFIGS / f"{name}.yaml") for name in ("quickstart", "own_phantom", "victre")
+            read_yaml(CONFIGS / f"{name}.yaml")
+            for name in ("quickstart", "own_phantom", "victre", "exam", "tomosynthesis")
         ]
+        self.run_values += EVERYTHING
         self.cohort_values = read_yaml(CONFIGS / "cohort.yaml")
         self.texts = [path.read_text() for path in sorted(CONFIGS.glob("*.yaml"))]
         self.schema = RunConfig.model_json_schema()
@@ -181,8 +245,10 @@ class Sound:
         if result.exit_code:
             raise RuntimeError(result.output)
         self.run = _contents(folder / "run")
-        breast = make_phantom(self.settings.phantom, self.settings.laterality)
-        self.squeezed = compress(breast, "CC", model="none")
+        self.breast = make_phantom(self.settings.phantom, self.settings.laterality)
+        self.squeezed = compress(self.breast, "CC", model="none")
+        self.paths = project(self.squeezed, pixel_mm=2.0)
+        self.shapes = _shapes(folder)
 
 
 def attempt(
@@ -231,6 +297,8 @@ def try_values(sound: Sound, rng: random.Random) -> int:
     if rng.random() < 0.02:
         check_settings(config)
         RunFolder(SANDBOX / "out", config)
+    if rng.random() < CHECKED:
+        check_before(config)
     return 0
 
 
@@ -459,6 +527,133 @@ def try_no_file(sound: Sound, rng: random.Random) -> int:
     return 0
 
 
+def try_shape(sound: Sound, rng: random.Random) -> int:
+    """A lesion's file with some bytes changed, cut off or added: surfaces, masks and HDF5."""
+    name, content = rng.choice(sound.shapes)
+    path = _fresh("shape") / rng.choice((name, name, rng.choice(sound.shapes)[0]))
+    path.write_bytes(_damaged(content, rng))
+    shape = read_shape(path, rng.choice((None, None, 1.0)))
+    if not np.isfinite((shape.radius_mm, shape.volume_mm3)).all():
+        raise ValueError(f"a shape without a size: {shape}")
+    return 0
+
+
+def try_text_phantom(sound: Sound, rng: random.Random) -> int:
+    """A text phantom with odd numbers, under a label map that may not know them."""
+    folder = _fresh("uwcem")
+    path = save(folder / "mtype.txt", small_breast())
+    lines = path.read_text().splitlines()
+    for _ in range(rng.choice((0, 1, 3))):
+        odd = ("nan", "1e999", "-1.0000001", "0x10", "1 2", "", "3,1", "-", "1e-320", "9" * 400)
+        lines[rng.randrange(len(lines))] = rng.choice(odd)
+    path.write_text("\n".join(lines))
+    info = folder / "breastInfo.txt"
+    if rng.random() < 0.3:
+        info.write_bytes(_spliced(info.read_bytes(), rng))
+    keys = ("-1", "-2", "-4", "1.1", "1.2", "2", "3.1", "nan", ".inf", "1e400", "-0.0", "1.10", "x")
+    labels: str | None = None
+    if rng.random() < 0.7:
+        some = rng.sample(keys, rng.randint(1, len(keys)))
+        tissues = ("adipose", "gland", "skin", "air", "fat", "muscle")
+        text = "".join(f"{key}: {rng.choice(tissues)}\n" for key in some)
+        (folder / "map.yaml").write_text(text)
+        labels = str(folder / "map.yaml")
+    read_phantom(path, labels)
+    return 0
+
+
+def try_output(sound: Sound, rng: random.Random) -> int:
+    """A folder to write to that is a link, a file, a pipe, too long, or holds what is no run's."""
+    folder = _fresh("output")
+    place = folder / rng.choice(("o", "o/a/b", "x" * 300, "é½", "-", "a\nb", ".", "o\udcff"))
+    inside = rng.choice(
+        ("run.json", "LCC", "LCC/preview.png", "notes.txt", ".stages", "config.yaml")
+    )
+    what = rng.randrange(6)
+    with contextlib.suppress(OSError):
+        if what == 0:
+            place.symlink_to(rng.choice(("/etc", "..", "nowhere", place)))
+        elif what == 1:
+            os.mkfifo(place)
+        elif what == 2:
+            place.write_text("mine")
+        else:
+            at = place / inside
+            at.parent.mkdir(parents=True, exist_ok=True)
+            if what == 3:
+                at.symlink_to(rng.choice(("/etc/passwd", "/", "..", "gone")))
+            elif what == 4:
+                os.mkfifo(at)
+            else:
+                at.write_text(rng.choice(("", "{}", "[" * 5000, '{"status": "done"}')))
+    run = RunFolder(place, sound.settings)
+    is_finished(place, sound.settings)
+    run.stages.make_folder()
+    return 0
+
+
+def try_command(sound: Sound, rng: random.Random) -> int:
+    """A command line of odd words."""
+    words = ["x.npz", "fifo.npz", "device.npz", "folder", "", " ", "-", "--", "--help", "a" * 5000,
+             "~nosuchuser/x", "..", "\udcff", "[/]", "--labels", "--axes", "ALS", "AAA", "--reduce",
+             "0", "-1", "9" * 30, "1e309", "nan", "--voxel-mm", "0.5,0.5", "1,2,3", "--set", "=",
+             "views=[CC]", "seed=0x10", "--output", "--view", "CC", "LCC", "--pixel", "--height-mm",
+             "--resume", str(sound.config), str(sound.own.parent), str(sound.own)]  # fmt: skip
+    command = rng.choice(("info", "check", "locate", "convert", "schema", "new", "cohort status"))
+    drawn = [rng.choice(words) for _ in range(rng.randint(0, 6))]
+    if command == "convert":  # writes where it is told to
+        target = _fresh("convert") / rng.choice(("a.npz", "a.mhd", "b", "c.x"))
+        drawn = [*drawn[:1], str(target)]
+    if command == "new":
+        drawn = [word for word in drawn if word.startswith("-")]
+    result = invoke(*command.split(), *drawn)
+    if result.exit_code not in (0, 2) or "Traceback" in result.output:
+        raise RuntimeError(f"{command} {drawn}: {result.exit_code} {result.exception!r}")
+    return 0 if result.exit_code == 0 else -1
+
+
+def try_keywords(sound: Sound, rng: random.Random) -> int:
+    """Python's functions with values of any kind for their keywords."""
+    function, kind, about = rng.choice((
+        (partial(compress, sound.breast, "CC"), "CompressionSettings", {"model": "none"}),
+        (partial(project, sound.squeezed), "ProjectionSettings", {"pixel_mm": 2.0}),
+        (partial(expose, sound.paths), "AcquisitionSettings", {"scatter": False}),
+        (generate_phantom, "GenerateSettings", {"voxel_mm": 4.0}),
+    ))  # fmt: skip
+    names = sorted(sound.schema["$defs"][kind]["properties"])
+    keys = {**about}
+    for name in rng.sample(names, rng.choice((1, 1, 2))):
+        keys[name] = copy.deepcopy(rng.choice(HOSTILE))
+    if kind == "GenerateSettings":
+        keys["voxel_mm"] = 4.0
+    with contextlib.suppress(NotConverged):
+        function(**keys)
+    return 0
+
+
+def _shapes(folder: Path) -> list[tuple[str, bytes]]:
+    """Lesions' files: a ball as surfaces and as masks; also where configurations look for them."""
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=4.0)
+    for ending in ("stl", "obj", "ply", "off"):
+        ball.export(folder / f"mass.{ending}")
+    mask = (np.indices((9, 9, 9)) - 4.0 < 3.5).all(axis=0).astype(np.uint8)
+    np.save(folder / "mass.npy", mask)
+    for ending in (".nii.gz", ".mhd", ".nrrd"):
+        save(folder / f"mask{ending}", mask)
+    shapes = [
+        path for path in sorted(folder.iterdir()) if path.stem.split(".")[0] in ("mass", "mask")
+    ]
+    for name in ("mass.stl", "mass.npy"):
+        shutil.copy(folder / name, SANDBOX)
+    with contextlib.suppress(ImportError):
+        import h5py
+
+        with h5py.File(folder / "mass.h5", "w") as file:
+            file["volume"] = mask
+        shapes.append(folder / "mass.h5")
+    return [(path.name, path.read_bytes()) for path in shapes]
+
+
 def try_phantom(sound: Sound, rng: random.Random) -> int:
     """A phantom file with some bytes changed, cut off or added; its memory is watched."""
     name, contents = rng.choice(sound.phantoms)
@@ -616,7 +811,7 @@ def _watch(event: str, arguments: tuple[Any, ...]) -> None:
             _inside(event, arguments[0])
     elif event in ("os.remove", "os.rename", "os.mkdir", "os.rmdir", "os.symlink", "os.link",
                    "os.truncate", "os.chmod", "os.chown", "shutil.rmtree"):  # fmt: skip
-        for path in arguments[:2]:
+        for path in arguments[1:2] if event == "os.symlink" else arguments[:2]:
             if isinstance(path, str | bytes | os.PathLike):
                 _inside(event, path)
 

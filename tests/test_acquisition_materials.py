@@ -103,6 +103,8 @@ def test_own_composition_file(tmp_path):
         ("adipose: {density_g_cm3: -1, mass_percent: {C: 100}}", "density_g_cm3: found -1"),
         ("adipose: {density_g_cm3: 1, mass_percent: {C: x}}", "expected 'element: per cent'"),
         ("adipose: {density_g_cm3: 1, mass_percent: {C: 60}}", "adds up to 60, expected 100"),
+        ("adipose: {density_g_cm3: 1, mass_percent: {1: 60, C: 40}}", "found the element 1"),
+        ("adipose: {density_g_cm3: 1, mass_percent: {'': 100}}", "found the element ''"),
         ("[]", "expected blocks of"),
     ],
 )

@@ -18,8 +18,10 @@ from mammosim.export import csv_text, text_of_csv
 from mammosim.phantom import LandmarkSettings, LesionSettings, read_phantom
 from mammosim.pipeline import (
     RunConfig,
+    RunFolder,
     apply_change,
     config_of,
+    is_finished,
     load_config,
     locate_in_run,
     read_record,
@@ -369,3 +371,33 @@ def test_a_record_does_not_say_where_files_are_written(title, tmp_path):
 def test_the_title_of_a_record_is_kept_where_it_is_a_name(tmp_path):
     (tmp_path / "run.json").write_text(json.dumps({"title": "Müller 2, left"}))
     assert title_of(tmp_path / "run.json") == "Müller 2, left"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["run", "{config}", "--output", "{place}"], ["cohort", "status", "{place}"],
+     ["locate", "{place}", "--view", "CC", "--pixel", "1", "1"], ["info", "{place}"],
+     ["check", "{place}"], ["convert", "{place}", "{place}.npz"]],
+)  # fmt: skip
+@pytest.mark.parametrize("name", ["x" * 300, "loop", "run.yaml/x"])
+def test_places_that_cannot_be(command, name, tmp_path):
+    """A name that is too long, a link to itself, a folder beneath a file."""
+    config = write(save_breast(tmp_path), views=["CC"])
+    (tmp_path / "loop").symlink_to("loop")
+    place = str(tmp_path / name)
+    result = invoke(*(word.format(config=config, place=place) for word in command))
+    assert result.exit_code == 2
+    assert result.output.startswith("error: ")
+    assert "Traceback" not in result.output
+
+
+def test_a_record_that_names_a_link_to_itself_counts_as_harmed(tmp_path):
+    config = load_config(write(save_breast(tmp_path), views=["CC"]))
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "a").symlink_to("a")
+    settings = config.plain()
+    run_hash = RunFolder(folder, config)._hash
+    record = {"status": "done", "settings": settings, "run_hash": run_hash, "files": {"a": "0"}}
+    (folder / "run.json").write_text(json.dumps(record))
+    assert not is_finished(folder, config)

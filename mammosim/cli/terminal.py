@@ -106,6 +106,12 @@ def exit_status(result_is_text: bool = False) -> Iterator[None]:
             say_error(line)
         kinds: dict[type, int] = {NotConverged: UNCONVERGED, Interrupted: INTERRUPTED}
         raise typer.Exit(kinds.get(type(error), BAD_INPUT)) from None
+    except OSError as error:  # of a folder: a file's is an InputError with the key that names it
+        if _debug:
+            raise
+        place = f"{error.filename}: " if error.filename is not None else ""
+        say_error(f"{place}cannot be used ({error.strerror or error})")
+        raise typer.Exit(BAD_INPUT) from None
     except KeyboardInterrupt:
         err.print(Text("interrupted", style="bold red"))
         raise typer.Exit(INTERRUPTED) from None

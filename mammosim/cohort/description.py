@@ -23,7 +23,14 @@ from mammosim.cohort.distributions import (
 )
 from mammosim.cohort.distributions import Path as KeyPath
 from mammosim.cohort.settings import MOST_PATIENTS, CohortSettings
-from mammosim.config import folder_name, open_file, read_yaml, to_settings, user_path
+from mammosim.config import (
+    folder_name,
+    open_file,
+    read_yaml,
+    real_path,
+    to_settings,
+    user_path,
+)
 from mammosim.errors import InputError
 from mammosim.pipeline import RunConfig, apply_change, config_of
 
@@ -150,7 +157,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Path, str]:
         values = None
     if not isinstance(values, dict):
         raise InputError(f"{path}: expected a mapping with the sections 'cohort' and 'phantom'")
-    return values, path.resolve().parent, path.stem
+    return values, real_path(path).parent, path.stem
 
 
 def _patients_file(

@@ -1,6 +1,6 @@
 """Reads YAML into settings and reports every mistake at once; knows no physics."""
 
-from mammosim.config.files import open_file, read_text, user_path, utf8_path
+from mammosim.config.files import open_file, read_text, real_path, user_path, utf8_path
 from mammosim.config.keywords import documents_keys, given_settings
 from mammosim.config.quantities import (
     MAX_FORCE_N,
@@ -29,6 +29,7 @@ __all__ = [
     "parse_value",
     "read_text",
     "read_yaml",
+    "real_path",
     "settings_in",
     "to_settings",
     "user_path",

@@ -121,6 +121,19 @@ def user_path(text: str, where: str) -> Path:
         ) from None
 
 
+def real_path(path: str | os.PathLike[str]) -> Path:
+    """Where a path leads once all links are followed; links in a circle stay as they are.
+
+    `Path.resolve` raises `RuntimeError` for such links before Python 3.13.
+
+    Parameters
+    ----------
+    path : path
+        It need not exist.
+    """
+    return Path(os.path.realpath(path))
+
+
 def utf8_path(path: str | os.PathLike[str]) -> str:
     """A path for a library that takes names in UTF-8, whatever the locale's encoding is.
 

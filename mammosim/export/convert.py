@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mammosim.config import real_path
 from mammosim.errors import InputError
 from mammosim.export.voxel_files import writer_of
 from mammosim.geometry import VoxelFrame
@@ -94,10 +95,11 @@ def convert_volume(
 
 def _check_other_files(source: Path, target: Path) -> None:
     """The source's own files must not be written over while they are read."""
-    mine = {file.resolve() for file in open_voxels(source).files}
+    mine = {real_path(file) for file in open_voxels(source).files}
     beside = target.with_name(f"{target.name.removesuffix(target.suffix)}.raw.gz")
-    others = {target.resolve(), beside.resolve()} if target.suffix == ".mhd" else {target.resolve()}
-    if mine & others or target.resolve() == source.resolve():
+    written = (target, beside) if target.suffix == ".mhd" else (target,)
+    others = {real_path(file) for file in written}
+    if mine & others or real_path(target) == real_path(source):
         raise InputError(f"{target}: is the source itself; give another name")
 
 

@@ -7,7 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mammosim.config import as_plain, given_settings, parse_value, read_yaml, to_settings
+from mammosim.config import (
+    as_plain,
+    given_settings,
+    parse_value,
+    read_yaml,
+    real_path,
+    to_settings,
+)
 from mammosim.errors import InputError
 from mammosim.pipeline.configuration.input_files import make_paths_absolute
 from mammosim.pipeline.configuration.run_config import RunConfig
@@ -34,7 +41,7 @@ def load_config(path: str | os.PathLike[str], changes: Sequence[str] = ()) -> Ru
         With one line a mistake: file, key path, value found, what is allowed.
     """
     values = _run_settings(read_yaml(path), path)
-    make_paths_absolute(values, Path(path).resolve().parent, str(path))
+    make_paths_absolute(values, real_path(path).parent, str(path))
     for change in changes:
         apply_change(values, change)
     return config_of(values, Path.cwd(), str(path))

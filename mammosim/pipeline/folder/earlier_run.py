@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from mammosim.config import folder_name, read_text
+from mammosim.config import folder_name, read_text, real_path
 from mammosim.errors import InputError
 from mammosim.export import PART_PREFIX
 from mammosim.pipeline.configuration import RunConfig
@@ -39,7 +39,7 @@ def read_record(path: Path) -> dict[str, Any]:
 def _is_unharmed(folder: Path, name: str, wanted: Any) -> bool:
     file = folder / name
     try:
-        return file.resolve().is_relative_to(folder.resolve()) and file_hash(file) == wanted
+        return real_path(file).is_relative_to(real_path(folder)) and file_hash(file) == wanted
     except (OSError, ValueError):
         return False
 

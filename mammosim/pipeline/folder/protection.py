@@ -6,6 +6,7 @@ import os
 import re
 from pathlib import Path
 
+from mammosim.config import real_path
 from mammosim.errors import InputError
 from mammosim.pipeline.configuration import RunConfig, input_paths
 from mammosim.pipeline.folder.earlier_run import read_record
@@ -49,9 +50,9 @@ def refuse_inputs_within(folder: Path, config: RunConfig) -> None:
     InputError
         Naming the key and the file.
     """
-    home = folder.resolve()
+    home = real_path(folder)
     for where, value in input_paths(config):
-        if Path(value).resolve().is_relative_to(home):
+        if real_path(value).is_relative_to(home):
             key = ".".join(str(part) for part in where)
             raise InputError(
                 f"{key}: {value} lies in the output folder {folder}, whose files are replaced; "

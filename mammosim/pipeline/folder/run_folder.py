@@ -93,9 +93,12 @@ class RunFolder:
         self._hash = hash_of(config, inputs)
         description = f"Simulated mammography: {self._title}"
         self._identity = StudyIdentity(self._hash, description, config.patient or PatientSettings())
-        refuse_links(self.path)
-        refuse_inputs_within(self.path, config)
-        refuse_strangers(self.path, config)
+        try:
+            refuse_links(self.path)
+            refuse_inputs_within(self.path, config)
+            refuse_strangers(self.path, config)
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be used ({error.strerror})") from None
         self.stages = StageCache(
             self.path, (*inputs.labels, *inputs.voxels, *inputs.lesions), reuse
         )
