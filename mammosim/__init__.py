@@ -17,6 +17,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from mammosim._display import register_displays
 from mammosim._version import VERSION
 
 if TYPE_CHECKING:
@@ -66,6 +67,18 @@ _HOMES = {
     "reconstruction": ("Reconstruction", "ReconstructionSettings", "reconstruct"),
     "targets": ("Target", "find_targets"),
 }
+register_displays(
+    {
+        "BreastPhantom.html": "mammosim.report:breast_html",
+        "BreastPhantom.plot": "mammosim.report:plot_breast",
+        "CompressedBreast.html": "mammosim.report:compressed_html",
+        "CompressedBreast.plot": "mammosim.report:plot_compressed",
+        "Mammogram.html": "mammosim.report:mammogram_html",
+        "Mammogram.plot": "mammosim.report:plot_mammogram",
+        "Study.html": "mammosim.report:study_html",
+        "Study.plot": "mammosim.report:plot_study",
+    }
+)
 _HOME_OF = {name: room for room, names in _HOMES.items() for name in names}
 
 __all__ = [

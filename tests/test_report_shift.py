@@ -27,7 +27,8 @@ from PIL import Image
 from mammosim.geometry import View
 from mammosim.report import ReportedView, ReportSettings, render_report, run_record
 from mammosim.report.markers import markers
-from mammosim.report.planes import FRAMES, PIXEL_MM, PLANES, drawings
+from mammosim.report.planes import FRAMES, drawings
+from mammosim.report.sections import PIXEL_MM, PLANES, Box, on_the_way, section
 from mammosim.report.solid import plotly_gzip_base64, skin_surface, solid
 from mammosim.targets import BiopsyResult, RuleError, ShiftAnswers, ShiftUncertainty
 
@@ -70,9 +71,10 @@ def test_drawings_show_the_breast_before_and_after():
         round(frontal.height / PIXEL_MM), round(frontal.width / PIXEL_MM)
     )  # fmt: skip
     spans = [np.ptp(np.flatnonzero((image > 40).any(axis=1))) * PIXEL_MM for image in (first, last)]
-    # Pixels of 1.5 mm, blurred by one, and points every 2 mm.
-    assert spans[0] == pytest.approx(2 * RADIUS_MM, abs=6.0)
-    assert spans[1] == pytest.approx(52.0, abs=6.0)
+    # The plane goes with the first lesion; voxels of 2 mm, a lattice of 4 mm.
+    across = 2.0 * np.sqrt(RADIUS_MM**2 - make_targets(CC)[0].x_mm ** 2)
+    assert spans[0] == pytest.approx(across, abs=4.0)
+    assert spans[1] == pytest.approx(across * 52.0 / (2 * RADIUS_MM), abs=6.0)
     widths = [
         np.ptp(np.flatnonzero((image > 40).any(axis=0))) * PIXEL_MM for image in (first, last)
     ]
@@ -91,14 +93,49 @@ def test_targets_are_drawn_where_the_table_has_them():
     assert drawing.targets[-1].label.text == "N"
 
 
-def test_gland_is_brighter_than_fat():
-    frontal = drawings(make_compressed(CC), [])[0]
-    image = picture(frontal.frames[0])
-    rows, columns = image.shape
-    middle = image[rows // 2 - 3 : rows // 2 + 3, columns // 2 - 3 : columns // 2 + 3].mean()
-    beside = image[rows // 2, round(columns * 0.5 + 30.0 / PIXEL_MM)]
-    assert middle > beside + 30.0
-    assert image[2, 2] < 10.0
+def test_a_section_is_one_plane_of_the_breast():
+    """Whatever lies in front of the plane or behind it does not show."""
+    phantom = make_phantom("L")
+    box = Box(-50.0, -50.0, 100.0, 100.0)
+    through = np.array([5.0, 10.0, -6.0])
+    for plane, normal in zip(PLANES, np.eye(3)[[0, 1, 2]], strict=True):
+        beyond = phantom.frame.position_mm(np.stack(np.indices(phantom.labels.shape), axis=-1))
+        away = np.abs((beyond - through) @ normal) > 2.0
+        altered = dataclasses.replace(phantom, labels=np.where(away, 29, phantom.labels))
+        seen = section(phantom, plane, through, box)
+        np.testing.assert_array_equal(section(altered, plane, through, box), seen)
+        assert len(np.unique(seen)) > 2  # air, fat, gland
+
+
+def test_a_section_shows_each_tissue_where_it_came_to_lie():
+    """A homogeneous stretch: the compressed section is the uncompressed one, stretched."""
+    squeezed = make_compressed(CC)
+    stretch = np.array([1.15, 1.1, 52.0 / (2 * RADIUS_MM)])
+    middle = np.zeros(3)
+    frontal = PLANES[0]
+    before = Box(-40.0, -40.0, 80.0, 80.0)
+    at = before.centres_mm.reshape(-1, 2)
+    inside = np.linalg.norm(at, axis=1) < 0.8 * RADIUS_MM  # away from the lattice's rim
+    grey = section(squeezed.phantom, frontal, middle, before).ravel()
+    for share in (0.5, 1.0):
+        way = 1.0 + share * (stretch - 1.0)
+        wide = Box(-60.0, -60.0, 120.0, 120.0)
+        moved = section(squeezed.phantom, frontal, middle, wide, on_the_way(squeezed.field, share))
+        row = np.floor(at[:, 1] * way[2] + 60.0).astype(int)
+        column = np.floor(at[:, 0] * way[1] + 60.0).astype(int)
+        same = moved[row, column] == grey
+        assert same[inside].mean() > 0.93  # all but pixels at borders of tissues
+
+
+def test_gland_is_brighter_than_fat_and_lesions_are_white():
+    squeezed = make_compressed(CC)
+    phantom = squeezed.phantom
+    mass = phantom.lesions[0]
+    frontal = PLANES[0]
+    image = section(phantom, frontal, mass.position_mm, Box(-50.0, -50.0, 100.0, 100.0))
+    place = frontal.project(mass.position_mm) + 50.0
+    assert image[int(place[1]), int(place[0])] == 255
+    assert {0, round(0.32 * 255), round(0.75 * 255), 255} >= set(np.unique(image).tolist())
 
 
 def test_the_surface_is_the_skin():

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._display import display_of
 from mammosim.acquisition._kernels import add_scatter_kernel
 from mammosim.acquisition.scatter import DoseMap
 from mammosim.geometry import Gantry
@@ -206,3 +208,41 @@ class Mammogram:
             self.scatter_cells, float(self.cell_px), 0.0, 1.0, signal, np.zeros_like(signal)
         )
         return signal
+
+    def __repr__(self) -> str:
+        rows, columns = self.for_processing.shape
+        return (
+            f"<Mammogram {self.gantry.view.folder}: {rows} x {columns} pixels of "
+            f"{self.gantry.pixel_mm:g} mm, {self.kvp:g} kV {self.target}/{self.filter}, "
+            f"{self.mas:.0f} mAs, {self.dose_mgy:.2f} mGy>"
+        )
+
+    def _repr_html_(self) -> str:
+        """The For Presentation image and a table of facts, for notebooks."""
+        html: str = display_of(self, "html")(self)
+        return html
+
+    def plot(
+        self,
+        targets: Sequence[Any] = (),
+        *,
+        window: tuple[float, float] | None = None,
+        axes: Any = None,
+    ) -> Any:
+        """Draw the For Presentation image.
+
+        Parameters
+        ----------
+        targets : sequence of Target
+            Targets to mark, as `study.targets`; those of other views are skipped.
+        window : (float, float), optional
+            Window center and width; default: the image's own.
+        axes : matplotlib axes, optional
+            Where to draw; default: a new figure.
+
+        Returns
+        -------
+        matplotlib axes
+            In pixels of the image.
+        """
+        return display_of(self, "plot")(self, targets, window=window, axes=axes)

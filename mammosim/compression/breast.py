@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mammosim._display import display_of
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.inverse import InverseMap
 from mammosim.compression.model import MODELS
@@ -104,3 +106,41 @@ class CompressedBreast:
     def inverse(self) -> InverseMap:
         """The map from the compressed breast back to the uncompressed one, on a regular grid."""
         return self.field.inverse
+
+    def __repr__(self) -> str:
+        state = "" if self.converged else ", not converged"
+        force = self.measures.get("force_n")
+        pressed = f", {force:.1f} N" if force is not None else ""
+        return (
+            f"<CompressedBreast {self.view.folder}: {self.model}, {self.thickness_mm:.1f} mm"
+            f"{pressed}{state}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Sections before and after, and a table of facts, for notebooks."""
+        html: str = display_of(self, "html")(self)
+        return html
+
+    def plot(
+        self, what: Literal["planes", "displacement", "convergence"] = "planes", *, axes: Any = None
+    ) -> Any:
+        """Draw the compression.
+
+        Parameters
+        ----------
+        what : {"planes", "displacement", "convergence"}
+            Plane sections before and after; arrows from where tissue was to where it is, on the
+            three planes; or how the solver converged.
+        axes : matplotlib axes, optional
+            Where to draw: (2, 3), (3,) or one of them; default: a new figure.
+
+        Returns
+        -------
+        ndarray of matplotlib axes, or one
+
+        Raises
+        ------
+        InputError
+            If `what` is none of these.
+        """
+        return display_of(self, "plot")(self, what, axes=axes)

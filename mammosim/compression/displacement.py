@@ -41,6 +41,11 @@ class DisplacementField:
     tissue: NDArray[np.bool_]
     rotation: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        nodes = " x ".join(str(count) for count in self.frame.shape)
+        sizes = " x ".join(f"{step:g}" for step in self.frame.spacing_mm)
+        return f"<DisplacementField: {nodes} nodes, {sizes} mm apart>"
+
     def displacement_at(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """(n, 3) displacement in mm at uncompressed points (n, 3), both in the breast frame."""
         points = _points(points_mm) @ self.rotation.T

@@ -15,7 +15,7 @@ from mammosim.phantom.lesions import check_shapes, insert_lesions
 from mammosim.phantom.make import make_phantom
 from mammosim.phantom.memory import address_bytes, available_bytes
 from mammosim.phantom.open_end import as_held, leaves_picture, without_open_end
-from mammosim.phantom.place import box_text, tissue_at
+from mammosim.phantom.place import box_text, tissue_at, tissue_box_mm
 from mammosim.phantom.read import read_phantom
 from mammosim.phantom.readers import BREAST_AXES, TIFF_AXES_KEY, Volume, open_voxels
 from mammosim.phantom.settings import LandmarkSettings, LesionSettings, PhantomSettings, Side
@@ -64,6 +64,7 @@ __all__ = [
     "shape_files",
     "table_values",
     "tissue_at",
+    "tissue_box_mm",
     "translated",
     "without_open_end",
 ]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
 
+from mammosim._display import display_of
 from mammosim.geometry import VoxelFrame
 
 
@@ -172,3 +174,34 @@ class BreastPhantom:
         """The voxel grid in the breast frame."""
         nx, ny, nz = self.labels.shape
         return VoxelFrame(self.origin_mm, self.voxel_mm, (nx, ny, nz))
+
+    def __repr__(self) -> str:
+        voxels = " x ".join(str(count) for count in self.labels.shape)
+        sizes = " x ".join(f"{step:g}" for step in self.voxel_mm)
+        return (
+            f"<BreastPhantom {self.laterality}: {voxels} voxels of {sizes} mm, "
+            f"{len(self.lesions)} lesions, from {self.source or 'unknown source'}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Sections through the first lesion and a table of facts, for notebooks."""
+        html: str = display_of(self, "html")(self)
+        return html
+
+    def plot(self, *, through_mm: ArrayLike | None = None, axes: Any = None) -> Any:
+        """Draw three plane sections.
+
+        Parameters
+        ----------
+        through_mm : array_like, (3,), optional
+            The point that they pass through, breast frame, mm; default: the first lesion, or
+            without lesions the middle of the breast behind the nipple.
+        axes : sequence of three matplotlib axes, optional
+            Where to draw; default: a new figure.
+
+        Returns
+        -------
+        ndarray of matplotlib axes, (3,)
+            Frontal, sagittal, transverse.
+        """
+        return display_of(self, "plot")(self, through_mm=through_mm, axes=axes)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._display import display_of
 from mammosim.acquisition import Mammogram, Tomosynthesis
 from mammosim.compression import CompressedBreast
 from mammosim.phantom import BreastPhantom
@@ -46,6 +48,12 @@ class ViewResult:
     series: Tomosynthesis | None = None
     lesion_images: tuple[NDArray[np.unsignedinteger], ...] = ()
     reconstruction: Reconstruction | None = None
+
+    def __repr__(self) -> str:
+        reached = "mammogram" if self.mammogram is not None else "compression"
+        if self.series is not None:
+            reached = f"{len(self.series.gantries)} projections"
+        return f"<ViewResult {self.squeezed.view.folder}: {reached}, {len(self.targets)} targets>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,3 +97,27 @@ class Study:
             if not view.squeezed.converged:
                 notes.append(f"{view.squeezed.view.folder}: the compression did not converge")
         return tuple(notes)
+
+    def __repr__(self) -> str:
+        sides = ", ".join(breast.laterality for breast in self.breasts)
+        lesions = sum(len(breast.lesions) for breast in self.breasts)
+        return f"<Study of {sides}: {', '.join(self.views) or 'no views'}, {lesions} lesions>"
+
+    def _repr_html_(self) -> str:
+        """The mammograms with lesions marked, and how far each moved, for notebooks."""
+        html: str = display_of(self, "html")(tuple(self.views.values()), self.targets)
+        return html
+
+    def plot(self, *, axes: Any = None) -> Any:
+        """Draw the mammograms with their lesions.
+
+        Parameters
+        ----------
+        axes : sequence of matplotlib axes, optional
+            Where to draw, one per mammogram; default: a new figure.
+
+        Returns
+        -------
+        ndarray of matplotlib axes
+        """
+        return display_of(self, "plot")(tuple(self.views.values()), self.targets, axes=axes)

@@ -63,3 +63,10 @@ class PathLengths:
     def pixel_mm(self) -> float:
         """Pixel pitch, mm."""
         return self.gantry.pixel_mm
+
+    def __repr__(self) -> str:
+        channels, rows, columns = self.length_mm.shape
+        return (
+            f"<PathLengths {self.gantry.view.folder}: {channels} tissues, {rows} x {columns} "
+            f"pixels of {self.pixel_mm:g} mm>"
+        )

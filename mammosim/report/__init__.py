@@ -3,7 +3,9 @@
 from mammosim.report.cohort_page import render_cohort
 from mammosim.report.contact_sheet import Thumbnails, contact_sheet
 from mammosim.report.keys import ReportKeys
+from mammosim.report.notebook import breast_html, compressed_html, mammogram_html, study_html
 from mammosim.report.page import ReportedView, render_report
+from mammosim.report.plots import plot_breast, plot_compressed, plot_mammogram, plot_study
 from mammosim.report.record import NOT_HASHED, Status, file_hash, run_hash, run_record
 from mammosim.report.references import REFERENCES, Reference, references_used
 from mammosim.report.settings import ReportSettings
@@ -17,11 +19,19 @@ __all__ = [
     "ReportedView",
     "Status",
     "Thumbnails",
+    "breast_html",
+    "compressed_html",
     "contact_sheet",
     "file_hash",
+    "mammogram_html",
+    "plot_breast",
+    "plot_compressed",
+    "plot_mammogram",
+    "plot_study",
     "references_used",
     "render_cohort",
     "render_report",
     "run_hash",
     "run_record",
+    "study_html",
 ]

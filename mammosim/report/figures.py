@@ -75,8 +75,7 @@ def convergence_svg(history: NDArray[np.void], name: str) -> str:
         SVG whose text and axes take the colour of the text around it; empty if there is nothing
         to draw.
     """
-    lines = _lines_to_draw(history)
-    if not lines:
+    if not _lines_to_draw(history):
         return ""
     import matplotlib as mpl
     from matplotlib.figure import Figure
@@ -89,15 +88,21 @@ def convergence_svg(history: NDArray[np.void], name: str) -> str:
     with mpl.rc_context(style):
         figure = Figure(figsize=(4.6, 2.7), layout="constrained")
         axes = figure.subplots()
-        for (label, rows, values), colour in zip(lines, _LINES, strict=False):
-            axes.semilogy(rows, values, color=colour, linewidth=1.5, label=label)
-        axes.set_xlabel("row of convergence.csv")
+        draw_convergence(axes, history)
         axes.grid(axis="y", color=_INK, alpha=0.12)
-        axes.legend(frameon=False, fontsize=8)
         stream = io.StringIO()
         figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
     text = stream.getvalue()
     return text[text.index("<svg") :].replace(_INK, "currentColor")
+
+
+def draw_convergence(axes: Any, history: NDArray[np.void]) -> None:
+    """Draw a line for each quantity that tells of convergence, on a logarithmic scale."""
+    for (label, rows, values), colour in zip(_lines_to_draw(history), _LINES, strict=False):
+        axes.semilogy(rows, values, color=colour, linewidth=1.5, label=label)
+    axes.set_xlabel("row of convergence.csv")
+    if axes.lines:
+        axes.legend(frameon=False, fontsize=8)
 
 
 def _lines_to_draw(history: NDArray[np.void]) -> list[tuple[str, NDArray[Any], NDArray[Any]]]:

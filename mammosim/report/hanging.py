@@ -16,6 +16,7 @@ from mammosim.report.markers import Marker, markers
 from mammosim.report.settings import ReportSettings
 from mammosim.targets import Target
 
+_VIEW_ORDER = ("CC", "MLO", "ML")
 _BAR_MM = 20.0
 _FONTS = 36.0  # sizes of the numbers' font in the height of a picture
 _SMALL = 0.75  # of that size: the nipple's letter
@@ -79,6 +80,12 @@ class Picture:
     font_px: float
 
 
+def hanging_order(view: ReportedView) -> tuple[bool, int, int]:
+    """CC above MLO above ML; right before left; views with a name of their own come last."""
+    seen = view.squeezed.view
+    return bool(seen.title), _VIEW_ORDER.index(seen.name), "RL".index(seen.laterality)
+
+
 def hanging(
     views: Sequence[ReportedView], targets: Sequence[Target], settings: ReportSettings
 ) -> list[dict[str, list[Picture]]]:
@@ -122,15 +129,30 @@ def _crops(views: Sequence[ReportedView], here: Sequence[Sequence[Target]]) -> l
     return [next(found) if view.mammogram else Crop(0, 0, 0, 0) for view in views]
 
 
+def hang_one(mammogram: Mammogram, settings: ReportSettings) -> Picture:
+    """A mammogram by itself, without marks."""
+    return _exposed(mammogram, (), common_crops([mammogram], [[]])[0], settings)
+
+
 def _picture(
     view: ReportedView, here: Sequence[Target], crop: Crop, settings: ReportSettings
 ) -> Picture:
-    name, mammogram = view.squeezed.view.folder, view.mammogram
-    technique = [f"{view.squeezed.thickness_mm:.1f} mm"]
-    if not mammogram:
-        return Picture(name, name[0], technique[0], "", "", crop, [], [], 0.0, 0.0)
-    technique += [f"{mammogram.kvp:g} kV {mammogram.target}/{mammogram.filter}",
-                  f"{mammogram.mas:.0f} mAs", f"{mammogram.dose_mgy:.2f} mGy"]  # fmt: skip
+    if view.mammogram:
+        return _exposed(view.mammogram, here, crop, settings)
+    name, thickness = view.squeezed.view.folder, f"{view.squeezed.thickness_mm:.1f} mm"
+    return Picture(name, name[0], thickness, "", "", crop, [], [], 0.0, 0.0)
+
+
+def _exposed(
+    mammogram: Mammogram, here: Sequence[Target], crop: Crop, settings: ReportSettings
+) -> Picture:
+    name = mammogram.gantry.view.folder
+    technique = [
+        f"{mammogram.thickness_mm:.1f} mm",
+        f"{mammogram.kvp:g} kV {mammogram.target}/{mammogram.filter}",
+        f"{mammogram.mas:.0f} mAs",
+        f"{mammogram.dose_mgy:.2f} mGy",
+    ]
     shown = [target.name for target in here if target.in_field and target.is_lesion]
     lesions = ", ".join(shown) or "no lesion"
     bar_px, marks = _BAR_MM / mammogram.gantry.pixel_mm, markers(here, mammogram.gantry)

@@ -1,0 +1,88 @@
+"""How results show themselves in a notebook: small pictures, and the facts in a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mammosim.acquisition import Mammogram
+from mammosim.compression import CompressedBreast
+from mammosim.phantom import BreastPhantom, tissue_box_mm
+from mammosim.report.facts import (
+    Row,
+    breast_rows,
+    compression_rows,
+    exposure_rows,
+    lesions_seen,
+    main_rows,
+)
+from mammosim.report.hanging import ReportedView, hang_one, hanging, hanging_order
+from mammosim.report.sections import (
+    PLANES,
+    box_around,
+    middle_mm,
+    moved_corners_mm,
+    on_the_way,
+    section_uris,
+)
+from mammosim.report.settings import ReportSettings
+from mammosim.report.templates import template
+from mammosim.targets import Target
+
+PICTURE_ROWS = 420
+"""Height that mammograms are reduced to: about 30 kB each in the notebook's file."""
+
+_SETTINGS = ReportSettings(picture_rows=PICTURE_ROWS)
+
+
+def breast_html(phantom: BreastPhantom) -> str:
+    """Three sections of an uncompressed breast, and what it is."""
+    corners, through = tissue_box_mm(phantom), middle_mm(phantom)[None]
+    sections = [
+        (plane.caption, section_uris(phantom, through, box_around(plane, corners), plane, [None]))
+        for plane in PLANES
+    ]
+    return _filled("Breast phantom", breast_rows(phantom), sections=sections)
+
+
+def compressed_html(compressed: CompressedBreast) -> str:
+    """Three sections before and after compression, and what it took."""
+    phantom = compressed.phantom
+    start = middle_mm(phantom)
+    throughs = start + [[0.0], [1.0]] * compressed.displacement_at(start)
+    corners = moved_corners_mm(compressed)
+    fields = [None, on_the_way(compressed.field, 1.0)]
+    sections = [
+        (
+            f"{plane.caption}: before, compressed",
+            section_uris(phantom, throughs, box_around(plane, corners), plane, fields),
+        )
+        for plane in PLANES
+    ]
+    rows = compression_rows([compressed])
+    title = f"{compressed.view.folder}, compressed"
+    return _filled(title, rows, sections=sections, notes=compressed.notes)
+
+
+def mammogram_html(mammogram: Mammogram) -> str:
+    """The image, and how it was taken."""
+    picture = hang_one(mammogram, _SETTINGS)
+    title = f"{mammogram.gantry.view.folder}, mammogram"
+    rows = exposure_rows([mammogram])
+    return _filled(title, rows, wall=[{"single": [picture]}], notes=mammogram.notes)
+
+
+def study_html(views: Sequence[ReportedView], targets: Sequence[Target]) -> str:
+    """All mammograms with their lesions, how far each moved, and the main numbers."""
+    ordered = sorted(views, key=hanging_order)
+    seen = [view.squeezed.view for view in ordered]
+    rows = main_rows(ordered)
+    return _filled(
+        "Study", rows, names=[view.folder for view in seen],
+        wall=hanging(ordered, targets, _SETTINGS), lesions=lesions_seen(seen, targets),
+    )  # fmt: skip
+
+
+def _filled(title: str, rows: Sequence[Row], **parts: object) -> str:
+    """The template with what there is, and nothing in place of the rest."""
+    values = {"names": [""], "sections": (), "wall": (), "lesions": (), "notes": (), **parts}
+    return template("notebook.html").render(title=title, rows=rows, **values)

@@ -1,0 +1,24 @@
+"""The report's templates, which lie beside this file."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+
+from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
+
+from mammosim.report.quantities import number
+
+
+@cache
+def template(name: str) -> Template:
+    """One of the templates, ready to be filled: what is put in is escaped, and must be there."""
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+                              lstrip_blocks=True, loader=FunctionLoader(_part))  # fmt: skip
+    environment.filters["number"] = number
+    return environment.get_template(name)
+
+
+def _part(name: str) -> str:
+    """One of the files in this package."""
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
