@@ -6,12 +6,15 @@ import csv
 import hashlib
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from make_run import SMALL, invoke, save_breast, write
 
+import mammosim
 from mammosim import load_config, simulate
 from mammosim.errors import InputError
 from mammosim.targets import Target
@@ -149,6 +152,35 @@ def test_new_writes_an_example_that_is_valid(tmp_path, monkeypatch):
     unknown = invoke("new", "quickstar")
     assert unknown.exit_code == 2
     assert "expected one of" in unknown.output
+
+
+def test_the_help_of_new_lists_every_example():
+    said = " ".join(invoke("new", "--help").output.split())
+    folder = Path(__file__).parents[1] / "configs"
+    for path in folder.glob("*.yaml"):
+        assert f"{path.stem}: " in said
+    assert "quickstart: A generated breast in two views" in said
+
+
+def test_the_version_is_printed():
+    result = invoke("--version")
+    assert (result.exit_code, result.output.strip()) == (0, mammosim.__version__)
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"), [("mammosim ru", "run"), ("mammosim new qu", "quickstart")]
+)
+def test_the_shell_completes_commands_and_examples(words, offered):
+    asked = {
+        "_MAMMOSIM_COMPLETE": "complete_bash",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split()) - 1),
+    }
+    done = subprocess.run(
+        [sys.executable, "-m", "mammosim"], env={**os.environ, **asked}, capture_output=True,
+        text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.split() == [offered]
 
 
 BAD = [

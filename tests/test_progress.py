@@ -1,17 +1,36 @@
 """What a user sees while a run's stages go on, above all that kernels are being compiled."""
 
+import re
+
 import numba
 import numpy as np
 import pytest
 from rich.console import Console
 
 from mammosim._jit import watch_compiling
+from mammosim.cli import cohorts
 from mammosim.cli import progress as shown
+from mammosim.cohort import Progress
+from mammosim.pipeline import Plan, PlannedStage, RunProgress
+
+END = re.compile(r"ends about [^)]*")
 
 ROW = np.array(
     [(6.0, 12.5, 1e-2, 33.0, 0.4)],
     [(name, float) for name in ("element_mm", "gap_mm", "out_of_balance", "force_n", "smallest_j")],
 )[0]
+
+
+PLAN = Plan(
+    (),
+    1.0,
+    (
+        PlannedStage("", "phantom", 20.0),
+        PlannedStage("CC", "compression", 40.0),
+        PlannedStage("CC", "projection", 20.0),
+        PlannedStage("MLO", "compression", 20.0),
+    ),
+)
 
 
 @pytest.fixture
@@ -48,23 +67,23 @@ def test_a_kernel_that_fails_to_compile_ends_too(fresh_kernel):
 
 
 def test_plain_lines_say_once_a_stage_that_kernels_are_compiled(fresh_kernel, capsys):
-    with shown.progress() as tell:
+    with shown.progress(PLAN) as tell:
         tell("LCC", "compression", None)
         fresh_kernel(1)
         fresh_kernel(1.0)
         tell("LCC", "compression", ROW)
         tell("", "report", None)
-    lines = capsys.readouterr().err.splitlines()
+    lines = [END.sub("ends", line) for line in capsys.readouterr().err.splitlines()]
     assert lines == [
-        "LCC: compression",
-        "LCC: compression: compiling, once on a machine, a minute in all: fresh",
-        "report",
+        "LCC: compressing (20 %, ends)",
+        "LCC: compressing: compiling, once on a machine, a minute in all",
+        "writing the report (100 %, ends)",
     ]
 
 
 def test_plain_lines_go_on_where_compiling_takes_long(fresh_kernel, capsys, monkeypatch):
     monkeypatch.setattr(shown, "SECONDS_A_LINE", 0.0)
-    with shown.progress() as tell:
+    with shown.progress(PLAN, verbose=True) as tell:
         tell("LCC", "compression", None)
         fresh_kernel(1)
         fresh_kernel(1.0)
@@ -89,10 +108,67 @@ def test_a_terminal_shows_compiling_while_it_lasts(fresh_kernel, monkeypatch):
 
     monkeypatch.setattr(console, "status", lambda _: Status())
     monkeypatch.setattr(shown, "err", console)
-    with shown.progress() as tell:
+    with shown.progress(PLAN, verbose=True) as tell:
         tell("LCC", "compression", None)
         fresh_kernel(1)
         tell("LCC", "compression", ROW)
-    assert str(texts[0]) == str(texts[2]) == "LCC: compression"
-    assert str(texts[1]).startswith("LCC: compression: compiling")
-    assert str(texts[3]).startswith("LCC: compression: 6 mm elements")
+    texts = [END.sub("ends", str(text)) for text in texts]
+    assert texts[0] == texts[2] == "LCC: compressing (20 %, ends)"
+    assert texts[1].startswith("LCC: compressing: compiling")
+    assert texts[3].startswith("LCC: compressing (20 %, ends), 6 mm elements")
+
+
+def test_solver_numbers_are_shown_only_where_they_are_asked_for(capsys, monkeypatch):
+    monkeypatch.setattr(shown, "SECONDS_A_LINE", -1.0)
+    for verbose in (False, True):
+        with shown.progress(PLAN, verbose) as tell:
+            tell("LCC", "compression", None)
+            tell("LCC", "compression", ROW)
+        assert ("33.0 N" in capsys.readouterr().err) == verbose
+
+
+class Clock:
+    """Seconds that a test sets."""
+
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+def test_the_share_follows_the_plan_and_the_end_the_pace():
+    clock = Clock()
+    run = RunProgress(PLAN, clock)
+    assert (run.share, run.seconds_left) == (0.0, 100.0)  # nothing known but the plan
+    run.report("", "phantom")
+    clock.now = 40.0  # twice as long as planned
+    run.report("LCC", "compression")
+    assert run.share == pytest.approx(0.2)
+    assert run.seconds_left == pytest.approx(160.0)
+    clock.now = 60.0
+    assert run.share == pytest.approx(0.4)
+    clock.now = 600.0  # however long it takes, a stage is not done before the next begins
+    assert run.share == pytest.approx(0.2 + 0.95 * 0.4)
+    run.report("LCC", "volumes")  # not planned: what was going on is done
+    assert run.share == pytest.approx(0.6)
+    run.report("LCC", "projection")
+    run.report("LMLO", "compression")
+    assert run.share == pytest.approx(0.8)
+    run.report("", "report")
+    assert (run.share, run.seconds_left) == (1.0, 0.0)
+
+
+def test_a_stage_that_was_kept_from_before_is_passed_over():
+    run = RunProgress(PLAN, Clock())
+    run.report("LMLO", "compression")
+    assert run.share == pytest.approx(0.8)
+
+
+def test_a_cohort_says_nothing_twice(capsys, monkeypatch):
+    monkeypatch.setattr(cohorts, "SECONDS_A_LINE", 0.0)
+    with cohorts._progress() as tell:
+        for seconds in (10.0, 20.0):
+            tell(Progress(3, made=1, running=2, workers=2, seconds=seconds))
+        tell(Progress(3, made=2, running=1, workers=2, seconds=30.0))
+    lines = capsys.readouterr().err.splitlines()
+    assert [line[:11] for line in lines] == ["1 of 3 done", "2 of 3 done"]

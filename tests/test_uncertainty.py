@@ -18,7 +18,7 @@ from mammosim.compression import MODELS, CompressionSettings, Sample, Sampler, c
 from mammosim.compression.samples import LATTICE_SHIFTS, stiffness_group
 from mammosim.errors import InputError, Interrupted
 from mammosim.phantom import Landmark
-from mammosim.pipeline import load_config
+from mammosim.pipeline import Plan, load_config
 from mammosim.targets import (
     UncertaintySettings,
     draw_samples,
@@ -256,12 +256,12 @@ def test_rows_hold_the_samples_statistics(springs):
 def test_progress_says_which_sample_is_computed(springs, capsys, monkeypatch):
     monkeypatch.setattr("mammosim.cli.progress.SECONDS_A_LINE", -1.0)
     squeezed = springs[1]
-    with progress() as tell:
+    with progress(Plan((), 1.0, ()), verbose=True) as tell:
         tell("LCC", "uncertainty", None)
         tell("LCC", "uncertainty, sample 7 of 50", squeezed.history[-1])
     said = capsys.readouterr().err
-    assert "LCC: uncertainty\n" in said
-    assert "LCC: uncertainty, sample 7 of 50: " in said
+    assert "LCC: compressing again for the uncertainty (" in said
+    assert "LCC: uncertainty, sample 7 of 50 (" in said
 
 
 def test_where_nothing_varies_there_is_no_spread(sampler):

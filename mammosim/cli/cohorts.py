@@ -109,17 +109,19 @@ def _warned(found: CohortStatus) -> list[str]:
 
 @contextmanager
 def _progress() -> Iterator[Callable[[Progress], None]]:
-    """One moving line on a terminal, a line now and then elsewhere."""
+    """One moving line on a terminal; elsewhere a line now and then, if something has changed."""
     if err.is_terminal:
         with err.status("starting workers") as line:
             yield lambda progress: line.update(progress.sentence(datetime.now()))
         return
     last = monotonic() - SECONDS_A_LINE
+    said: tuple[int, ...] = ()
 
     def log(progress: Progress) -> None:
-        nonlocal last
-        if monotonic() - last >= SECONDS_A_LINE:
-            last = monotonic()
+        nonlocal last, said
+        counts = (progress.done, progress.failed, progress.running, progress.workers)
+        if counts != said and monotonic() - last >= SECONDS_A_LINE:
+            last, said = monotonic(), counts
             say_progress(progress.sentence(datetime.now()))
 
     yield log

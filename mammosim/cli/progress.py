@@ -1,8 +1,9 @@
-"""Progress of a run's stages."""
+"""Progress of a run: the stage, per cent and expected end; the solver's numbers where asked for."""
 
 from __future__ import annotations
 
 from contextlib import contextmanager, nullcontext
+from datetime import datetime
 from math import isfinite
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,8 @@ from mammosim.cli.terminal import err, printable, say_progress
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from mammosim.pipeline import Plan
+
 SECONDS_A_LINE = 30.0
 """Between two lines of a stage's progress where there is no terminal."""
 
@@ -21,32 +24,64 @@ SECONDS_A_LINE = 30.0
 COMPILING = "compiling, once on a machine, a minute in all"
 """45 s for the example on two cores, 25 to 30 s of it where the first view is compressed."""
 
+STAGES = {
+    "phantom": "making the breast",
+    "compression": "compressing",
+    "volumes": "writing volumes",
+    "projection": "tracing rays",
+    "acquisition": "exposing",
+    "targets": "finding lesions on the image",
+    "projections": "taking projections",
+    "reconstruction": "reconstructing slices",
+    "export": "writing images",
+    "lesion shift": "comparing views",
+    "biopsy": "compressing for biopsy",
+    "uncertainty": "compressing again for the uncertainty",
+    "report": "writing the report",
+}
+"""What each stage does, in words."""
+
 
 @contextmanager
-def progress() -> Iterator[Any]:
-    """Show stages: a moving line on a terminal, plain lines now and then elsewhere."""
+def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
+    """Show how far a run is: a moving line on a terminal, plain lines now and then elsewhere.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of the run.
+    verbose : bool
+        Whether to show the solver's numbers too.
+    """
     from mammosim._jit import watch_compiling  # here, as Numba takes a while to load
+    from mammosim.pipeline import RunProgress
 
     with _moving_line() if err.is_terminal else nullcontext(_line_now_and_then()) as show:
+        run = RunProgress(plan)
         where, began = "starting", monotonic()
         explained = False
 
         def tell(view: str, stage: str, row: Any) -> None:
             nonlocal where, began, explained
-            where = f"{view}: {stage}" if view else stage
+            # Samples of the uncertainty count themselves in the stage's name.
+            doing = STAGES.get(stage, stage)
+            where = f"{view}: {doing}" if view else doing
             if row is None:
+                run.report(view, stage)
                 began, explained = monotonic(), False
-                show(where, at_once=True)
+                show(f"{where} ({run.sentence(datetime.now())})", at_once=True)
             else:
-                show(f"{where}: {row_text(row, monotonic() - began)}")
+                numbers = f", {row_text(row, monotonic() - began)}" if verbose else ""
+                show(f"{where} ({run.sentence(datetime.now())}){numbers}")
 
         def tell_compiling(kernel: str | None) -> None:
             nonlocal explained
             if kernel is not None:
-                show(f"{where}: {COMPILING}: {kernel}", at_once=not explained)
+                named = f": {kernel}" if verbose else ""
+                show(f"{where}: {COMPILING}{named}", at_once=not explained)
                 explained = True
             elif err.is_terminal:
-                show(where)
+                show(f"{where} ({run.sentence(datetime.now())})")
 
         with watch_compiling(tell_compiling):
             yield tell

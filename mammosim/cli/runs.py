@@ -32,11 +32,47 @@ if TYPE_CHECKING:
     from mammosim.pipeline import Study
 
 
-@app.command()
-def new(name: Annotated[str, typer.Argument(help="Name of the example, as quickstart.")]) -> None:
+@contextmanager
+def _examples() -> Iterator[Path]:
+    """Folder of the example configurations: in the package, or beside it in a checkout."""
+    inside = files("mammosim").joinpath("configs")
+    if inside.is_dir():
+        with as_file(inside) as folder:
+            yield folder
+    else:
+        yield Path(__file__).parents[2] / "configs"
+
+
+def _example_names() -> list[str]:
+    """Names of the examples, the first one to try first."""
+    with _examples() as folder:
+        names = (path.stem for path in folder.glob("*.yaml"))
+        return sorted(names, key=lambda name: (name != "quickstart", name))
+
+
+def _described_examples() -> str:
+    """The names and what each example says of itself first, for the help."""
+    with _examples() as folder:
+        lines = []
+        for name in _example_names():
+            with (folder / f"{name}.yaml").open(encoding="utf-8") as stream:
+                lines.append(f"{name}: {stream.readline().lstrip('# ').strip()}")
+    return "Examples:\n\n" + "\n\n".join(lines)
+
+
+@app.command(epilog=_described_examples())
+def new(
+    name: Annotated[
+        str,
+        typer.Argument(
+            help=f"Name of the example: {', '.join(_example_names())}.",
+            autocompletion=lambda: _example_names(),
+        ),
+    ],
+) -> None:
     """Write a commented example configuration into the current folder."""
     with exit_status(), _examples() as folder:
-        examples = sorted(path.stem for path in folder.glob("*.yaml"))
+        examples = _example_names()
         if name not in examples:
             raise InputError(f"new: found '{name}', expected one of {', '.join(examples)}")
         target = Path(f"{name}.yaml")
@@ -49,17 +85,6 @@ def new(name: Annotated[str, typer.Argument(help="Name of the example, as quicks
             raise InputError(f"{target}: cannot be written ({error.strerror})") from None
         command = "cohort run" if name == "cohort" else "run"
         say(f"wrote {target}; run it with: mammosim {command} {target}")
-
-
-@contextmanager
-def _examples() -> Iterator[Path]:
-    """Folder of the example configurations: in the package, or beside it in a checkout."""
-    inside = files("mammosim").joinpath("configs")
-    if inside.is_dir():
-        with as_file(inside) as folder:
-            yield folder
-    else:
-        yield Path(__file__).parents[2] / "configs"
 
 
 @app.command()
@@ -83,6 +108,9 @@ def run(
         list[Path] | None,
         typer.Option(metavar="RUN", help="Folder of another run, to take stages from that fit."),
     ] = None,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="Show the solver's numbers while it works.")
+    ] = False,
 ) -> None:
     """Run the whole pipeline."""
     with exit_status():
@@ -111,7 +139,7 @@ def run(
         refuse_own_configuration(folder, config)
         with signals_interrupt(), writing(folder):
             saved = RunFolder(folder, settings, title, reuse or ())
-            with progress() as tell:
+            with progress(plan, verbose) as tell:
                 study = simulate(settings, saved, tell)
         _print_summary(study, folder)
         print_warnings(note for note in study.notes if note not in plan.warnings)

@@ -50,7 +50,7 @@ def main() -> None:
     status: int | str | None = 0
     try:
         _refuse_odd_arguments(sys.argv[1:])
-        app()
+        app(prog_name="mammosim")  # so that completion works however it was started
     except SystemExit as end:
         status = end.code
     output.flush()
@@ -71,18 +71,26 @@ def _refuse_odd_arguments(arguments: list[str]) -> None:
             sys.exit(BAD_INPUT)
 
 
-@app.callback()
-def _options(
-    debug: Annotated[bool, typer.Option(help="Show tracebacks of errors.")] = False,
-    version: Annotated[bool, typer.Option(help="Print the version and stop.")] = False,
-) -> None:
-    global _debug
-    _debug = debug
-    if version:
+def _print_version(wanted: bool) -> None:
+    if wanted:
         from mammosim._version import VERSION
 
         say(VERSION)
         raise typer.Exit
+
+
+@app.callback()
+def _options(
+    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks of errors.")] = False,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=_print_version, help="Print the version and stop."
+        ),
+    ] = False,
+) -> None:
+    global _debug
+    _debug = debug
 
 
 @contextmanager

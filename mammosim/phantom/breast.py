@@ -202,6 +202,7 @@ class BreastPhantom:
         Returns
         -------
         ndarray of matplotlib axes, (3,)
-            Frontal, sagittal, transverse.
+            Frontal, sagittal, transverse. Lesions are circled, also those in front of the plane or
+            behind it.
         """
         return display_of(self, "plot")(self, through_mm=through_mm, axes=axes)

@@ -7,6 +7,7 @@ Begin with `run`, a whole run on one screen. `configuration` holds what a run is
 from mammosim.pipeline.configuration import (
     PLANNED_CORES,
     Plan,
+    PlannedStage,
     ResolvedView,
     RunConfig,
     ViewSettings,
@@ -31,6 +32,7 @@ from mammosim.pipeline.folder import (
 )
 from mammosim.pipeline.locate import LocatedInRun, SavedView, locate_in_run, read_views
 from mammosim.pipeline.run import Observe, simulate, simulate_series, simulate_view
+from mammosim.pipeline.run_progress import RunProgress
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 
 __all__ = [
@@ -40,9 +42,11 @@ __all__ = [
     "Observe",
     "OnProgress",
     "Plan",
+    "PlannedStage",
     "ResolvedView",
     "RunConfig",
     "RunFolder",
+    "RunProgress",
     "SavedView",
     "Study",
     "ViewResult",

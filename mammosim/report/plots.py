@@ -146,10 +146,11 @@ def _show(axes: Any, plane: Plane, box: Box, grey: NDArray[np.uint8]) -> None:
     extent = (box.left, box.left + box.width, box.top + box.height, box.top)
     axes.imshow(grey, cmap="gray", vmin=0, vmax=255, extent=extent, interpolation="nearest")
     axes.set(title=f"{plane.name}, {plane.caption}", xlabel="mm")
-    axes.yaxis.set_major_formatter(lambda down, _: f"{-down:g}")  # mm up
+    axes.yaxis.set_major_formatter(lambda down, _: f"{0.0 - down:g}")  # mm up
 
 
 def _mark(axes: Any, plane: Plane, places_mm: Sequence[NDArray[np.float64]]) -> None:
+    """Circle places, also those in front of the plane or behind it."""
     if len(places_mm):
         right, down = plane.project(np.asarray(places_mm)).T
         axes.plot(right, down, "o", markersize=9, markerfacecolor="none", markeredgecolor=_MARK)

@@ -19,6 +19,7 @@ from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.pipeline.configuration.run_plan import (
     PLANNED_CORES,
     Plan,
+    PlannedStage,
     check_memory_limit,
     make_plan,
 )
@@ -29,6 +30,7 @@ __all__ = [
     "VIEW_SECTIONS",
     "BiopsyPosition",
     "Plan",
+    "PlannedStage",
     "ResolvedView",
     "RunConfig",
     "RunKeys",

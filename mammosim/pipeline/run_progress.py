@@ -1,0 +1,89 @@
+"""How far a run has come, and when it will end, from its plan and the stages it reports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from time import monotonic
+
+from mammosim.pipeline.configuration import Plan
+
+MAX_STAGE_SHARE = 0.95
+"""Of a stage's planned time that may be counted before it ends."""
+
+MIN_KNOWN_SHARE = 0.05
+"""Part of a run from which its own pace is trusted, rather than the plan's."""
+
+
+class RunProgress:
+    """Follows a run by the stages that it reports.
+
+    Parameters
+    ----------
+    plan : Plan
+    clock : callable, optional
+        Seconds, for tests.
+
+    Notes
+    -----
+    The plan says how the stages' durations compare; the run's own pace so far says how fast this
+    machine is. A first run, which compiles kernels, and stages that are kept from before make the
+    estimate too long or too short; it is an estimate.
+    """
+
+    def __init__(self, plan: Plan, clock: Callable[[], float] = monotonic) -> None:
+        self._stages, self._clock = plan.stages, clock
+        self._total = max(sum(stage.seconds for stage in plan.stages), 1e-9)
+        self._done = 0
+        self._running = False
+        self._began = self._stage_began = clock()
+        self._ended = False
+
+    def report(self, view: str, stage: str) -> None:
+        """Note that a stage begins; what comes before it in the plan is done."""
+        self._stage_began = self._clock()
+        self._ended = stage == "report"
+        self._done += self._running
+        self._running = False
+        for place in range(self._done, len(self._stages)):
+            planned = self._stages[place]
+            if planned.stage == stage and (not planned.view or view.endswith(planned.view)):
+                self._done, self._running = place, True
+                break
+
+    @property
+    def share(self) -> float:
+        """Part of the run that is done, 0 to 1."""
+        if self._ended:
+            return 1.0
+        done = sum(stage.seconds for stage in self._stages[: self._done])
+        if self._running:
+            now = self._stages[self._done].seconds
+            done += min(self._clock() - self._stage_began, MAX_STAGE_SHARE * now)
+        return min(done / self._total, 1.0)
+
+    @property
+    def seconds_left(self) -> float:
+        """Expected time until the end, s."""
+        share = self.share
+        if share < MIN_KNOWN_SHARE:
+            return (1.0 - share) * self._total
+        return (1.0 - share) / share * (self._clock() - self._began)
+
+    def sentence(self, now: datetime) -> str:
+        """Per cent and expected end.
+
+        Examples
+        --------
+        >>> from mammosim.pipeline.configuration import PlannedStage
+        >>> plan = Plan((), 1.0, (PlannedStage("CC", "compression", 60.0),
+        ...                       PlannedStage("CC", "projection", 60.0)))
+        >>> ticks = iter([0.0, 60.0, 60.0, 60.0, 60.0, 60.0])
+        >>> progress = RunProgress(plan, lambda: next(ticks))
+        >>> progress.report("LCC", "projection")
+        >>> progress.sentence(datetime(2024, 5, 1, 12, 0))
+        '50 %, ends about 12:01'
+        """
+        share, end = self.share, now + timedelta(seconds=self.seconds_left)
+        day = "" if end.date() == now.date() else f"{end:%Y-%m-%d} "
+        return f"{100.0 * share:.0f} %, ends about {day}{end:%H:%M}"
