@@ -43,6 +43,7 @@ from mammosim.export.tables import (
 )
 from mammosim.export.victre import write_victre
 from mammosim.export.view import write_compressed, write_draw, write_images
+from mammosim.export.viewer_files import MARKUPS_FILE, write_markups
 from mammosim.export.volumes import (
     read_compressed_labels,
     read_displacement,
@@ -53,6 +54,7 @@ from mammosim.export.volumes import (
 from mammosim.export.voxel_files import WRITERS
 
 __all__ = [
+    "MARKUPS_FILE",
     "PART_PREFIX",
     "WRITERS",
     "Conversion",
@@ -97,6 +99,7 @@ __all__ = [
     "write_lesion_tiff",
     "write_lesions",
     "write_mammogram_tiff",
+    "write_markups",
     "write_matlab",
     "write_measurements",
     "write_path_lengths",

@@ -25,6 +25,11 @@ class ExportKeys(TypedDict, total=False):
     compressed_formats: Sequence[Literal["nrrd", "mha", "victre"]]
     """Further files of the compressed labels: NRRD, MHA, VICTRE's for MC-GPU with its plates."""
 
+    viewers: bool
+    """Write files for viewers beside the volumes: the labels as a segmentation of 3D Slicer and the
+    targets as its markups, with names and colours, and label descriptions for ITK-SNAP. Needs
+    `export.volumes`. Default: False."""
+
     matlab: bool
     """Write the compressed lattice, its tissue, measures and convergence as one MATLAB file.
     Default: False."""

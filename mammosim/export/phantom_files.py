@@ -8,13 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from mammosim.export.label_files import table_of_phantom, write_label_files
+from mammosim.export.viewer_files import write_viewer_files
 from mammosim.export.volumes import write_labels
 from mammosim.phantom import BreastPhantom
 
 UNCOMPRESSED_FILE = "uncompressed.nii.gz"
 
 
-def write_phantom(breast: BreastPhantom, folder: str | PathLike[str]) -> None:
+def write_phantom(
+    breast: BreastPhantom, folder: str | PathLike[str], viewers: bool = False
+) -> None:
     """Write the uncompressed breast, and what its labels stand for.
 
     Parameters
@@ -23,6 +26,8 @@ def write_phantom(breast: BreastPhantom, folder: str | PathLike[str]) -> None:
         With the lesions that were put in.
     folder : path
         Gets ``uncompressed.nii.gz``, ``labels.json`` and ``labels.ctbl``.
+    viewers : bool
+        Whether to write the files of `write_viewer_files` too.
 
     Raises
     ------
@@ -36,4 +41,7 @@ def write_phantom(breast: BreastPhantom, folder: str | PathLike[str]) -> None:
     """
     folder = Path(folder)
     write_labels(breast.labels, breast.frame, np.eye(3), folder / UNCOMPRESSED_FILE)
-    write_label_files(table_of_phantom(breast), (UNCOMPRESSED_FILE,), folder)
+    table = table_of_phantom(breast)
+    write_label_files(table, (UNCOMPRESSED_FILE,), folder)
+    if viewers:
+        write_viewer_files(table, breast.labels, breast.frame, np.eye(3), folder, "uncompressed")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import field_validator
+from pydantic import field_validator, model_validator
 
 from mammosim.config import Settings
 from mammosim.export.patient_settings import calendar_date
@@ -27,6 +27,11 @@ class ExportSettings(Settings):
 
     compressed_formats: tuple[Literal["nrrd", "mha", "victre"], ...] = ()
     """Further files of the compressed labels: NRRD, MHA, VICTRE's for MC-GPU with its plates."""
+
+    viewers: bool = False
+    """Write files for viewers beside the volumes: the labels as a segmentation of 3D Slicer and the
+    targets as its markups, with names and colours, and label descriptions for ITK-SNAP. Needs
+    `export.volumes`."""
 
     matlab: bool = False
     """Write the compressed lattice, its tissue, measures and convergence as one MATLAB file."""
@@ -59,3 +64,9 @@ class ExportSettings(Settings):
         if calendar_date(text) is None:
             raise ValueError("expected a date as YYYYMMDD")
         return text
+
+    @model_validator(mode="after")
+    def _viewers_show_volumes(self) -> Self:
+        if self.viewers and not self.volumes:
+            raise ValueError("viewers: found true without volumes, expected `volumes: true` too")
+        return self

@@ -34,6 +34,7 @@ from mammosim.export.segmentation import write_segmentation
 from mammosim.export.settings import ExportSettings
 from mammosim.export.tables import write_compression, write_convergence
 from mammosim.export.victre import write_victre
+from mammosim.export.viewer_files import write_viewer_files
 from mammosim.export.volumes import (
     write_displacement,
     write_dose_map,
@@ -94,8 +95,12 @@ def write_compressed(
             path = folder / f"compressed.{ending}"
             write_labels(labels, labels_frame, squeezed.view.patient_rotation, path)
             files.append(path.name)
+    table = table_of_compressed(squeezed)
     if files:
-        write_label_files(table_of_compressed(squeezed), tuple(files), folder)
+        write_label_files(table, tuple(files), folder)
+    if settings.volumes and settings.viewers:
+        turn = squeezed.view.patient_rotation
+        write_viewer_files(table, labels, labels_frame, turn, folder, "compressed")
 
 
 def write_images(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import gzip
 import shutil
 import zlib
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,7 @@ def write_labels(
     frame: VoxelFrame,
     rotation: NDArray[np.float64],
     path: str | PathLike[str],
+    fields: Mapping[str, str] | None = None,
 ) -> None:
     """Write labels of the compressed breast, or with the identity those of any volume.
 
@@ -52,13 +54,15 @@ def write_labels(
         Breast frame to compression frame (`View.rotation`).
     path : path
         Ends in ``.nii.gz``, ``.nii``, ``.nrrd`` or ``.mha``, which says the format.
+    fields : mapping of str to str, optional
+        Further fields of an NRRD header.
 
     Raises
     ------
     InputError
         If the file cannot be written.
     """
-    _write_scalars(labels, frame, rotation, path)
+    _write_scalars(labels, frame, rotation, path, fields)
 
 
 def write_displacement(field: DisplacementField, path: str | PathLike[str]) -> None:
@@ -258,8 +262,11 @@ def _write_scalars(
     frame: VoxelFrame,
     rotation: NDArray[np.float64],
     path: str | PathLike[str],
+    fields: Mapping[str, str] | None = None,
 ) -> None:
     image = sitk.GetImageFromArray(np.ascontiguousarray(values.transpose(2, 1, 0)))
+    for key, text in (fields or {}).items():
+        image.SetMetaData(key, text)
     _place(image, frame, rotation)
     _write(image, path, values.nbytes)
 

@@ -14,7 +14,8 @@ from mammosim.pipeline.folder.lock import STAGES_FOLDER
 
 OWN_FILES = frozenset(
     {"config.yaml", "run.json", "report.html", "lesions.csv", "view_rules.csv", "biopsy.csv",
-     "uncertainty.csv", "uncompressed.nii.gz", "labels.json", "labels.ctbl"}
+     "uncertainty.csv", "uncompressed.nii.gz", "labels.json", "labels.ctbl",
+     "uncompressed.seg.nrrd", "labels_itksnap.txt", "lesions.mrk.json"}
 )  # fmt: skip
 """Files that a run writes at the top of its folder."""
 

@@ -12,6 +12,7 @@ from mammosim.compression import CompressedBreast
 from mammosim.config import write_yaml
 from mammosim.errors import InputError
 from mammosim.export import (
+    MARKUPS_FILE,
     PatientSettings,
     StudyIdentity,
     reconstruction_geometry,
@@ -23,6 +24,7 @@ from mammosim.export import (
     write_images,
     write_json,
     write_lesions,
+    write_markups,
     write_phantom,
     write_reconstruction,
     write_series,
@@ -124,9 +126,13 @@ class RunFolder:
         wanted = self._config.export.volumes and breast.compressed is None
         if not wanted or breast.laterality in self._sides_written:
             return
-        one_side = len(self._config.sides) == 1
-        write_phantom(breast, self.path if one_side else self.path / breast.laterality)
+        folder = self._side_folder(breast.laterality)
+        write_phantom(breast, folder, self._config.export.viewers)
         self._sides_written.add(breast.laterality)
+
+    def _side_folder(self, side: str) -> Path:
+        """Where the uncompressed breast of a side is: of two breasts in a folder each."""
+        return self.path if len(self._config.sides) == 1 else self.path / side
 
     def write_compression(self, squeezed: CompressedBreast) -> None:
         """Write a view's compressed labels, displacement, history and measures."""
@@ -202,6 +208,8 @@ class RunFolder:
 
     def _write_tables(self, study: Study) -> None:
         write_lesions(study.targets, self.path / "lesions.csv")
+        if self._config.export.volumes and self._config.export.viewers:
+            self._write_markups(study)
         for kind, rows, name in (
             (RuleError, study.answers.rules, "view_rules"),
             (BiopsyResult, study.answers.biopsy, "biopsy"),
@@ -209,6 +217,17 @@ class RunFolder:
         ):
             if rows:
                 write_table(kind, rows, self.path / f"{name}.csv")
+
+    def _write_markups(self, study: Study) -> None:
+        """Targets as 3D Slicer's markups: where they were beside the breast, and in each view."""
+        for view in study.views.values():
+            seen, side = view.squeezed.view, view.squeezed.view.laterality
+            if not view.targets:
+                continue
+            path = self.path / seen.folder / MARKUPS_FILE
+            write_markups(view.targets, seen, True, path)
+            if side in self._sides_written:
+                write_markups(view.targets, seen, False, self._side_folder(side) / MARKUPS_FILE)
 
     def _check_presence(self, study: Study) -> None:
         """Refuse to call a run whole whose folder was removed or replaced meanwhile."""
