@@ -75,8 +75,10 @@ register_displays(
         "CompressedBreast.plot": "mammosim.report:plot_compressed",
         "Mammogram.html": "mammosim.report:mammogram_html",
         "Mammogram.plot": "mammosim.report:plot_mammogram",
+        "Mammogram.save": "mammosim.export:save_mammogram",
         "Study.html": "mammosim.report:study_html",
         "Study.plot": "mammosim.report:plot_study",
+        "Study.save": "mammosim.pipeline:save_study",
     }
 )
 _HOME_OF = {name: room for room, names in _HOMES.items() for name in names}

@@ -1,12 +1,15 @@
-"""How results show and draw themselves in a notebook, and what `import mammosim` costs."""
+"""How results show, draw and save themselves, and what `import mammosim` costs."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 import subprocess
 import sys
 from html.parser import HTMLParser
+from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib as mpl
 import numpy as np
@@ -18,10 +21,12 @@ from make_records import (
     make_phantom,
     make_targets,
 )
+from pydicom import dcmread
 
 from mammosim import InputError, Study
 from mammosim.geometry import View
-from mammosim.pipeline import ViewResult
+from mammosim.pipeline import ViewResult, config_of
+from mammosim.pipeline.run.notebook_bar import notebook_bar
 
 CC, MLO = View("CC", "L"), View("MLO", "L")
 
@@ -197,3 +202,78 @@ def test_importing_the_package_loads_no_library():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_notebook_shows_a_bar_while_a_run_goes_on(monkeypatch):
+    shown = []
+
+    class Bar:
+        def update(self, html):
+            shown.append(html.data)
+
+    class HTML:
+        def __init__(self, data):
+            self.data = data
+
+    def display(html, display_id):
+        shown.append(html.data)
+        return Bar()
+
+    ipython = SimpleNamespace(HTML=HTML, display=display)
+    monkeypatch.setitem(sys.modules, "ipykernel", SimpleNamespace())
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(display=ipython))
+    monkeypatch.setitem(sys.modules, "IPython.display", ipython)
+    config = config_of({"phantom": {"generate": {}}}, Path(), "any.yaml")
+    with notebook_bar(config, None) as tell:
+        tell("LCC", "compression", None)
+    assert "starting" in shown[0]
+    assert "LCC: compressing (" in shown[1]
+    assert shown[-1].startswith('<progress value="1.000"')
+    assert "done" in shown[-1]
+    with pytest.raises(InputError), notebook_bar(config, None):
+        raise InputError("no")
+    assert "stopped" in shown[-1]
+
+
+def test_elsewhere_there_is_no_bar_and_ones_own_progress_is_kept(monkeypatch):
+    monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
+    config = config_of({"phantom": {"generate": {}}}, Path(), "any.yaml")
+    with notebook_bar(config, None) as tell:
+        assert tell is None
+    mine = lambda view, stage, row: None  # noqa: E731
+    with notebook_bar(config, mine) as tell:
+        assert tell is mine
+
+
+def test_a_mammogram_is_saved_as_a_run_saves_it(tmp_path):
+    mammogram = make_mammogram(CC)
+    for name in ("a", "b"):
+        mammogram.save(tmp_path / name)
+    names = {path.name for path in (tmp_path / "a").iterdir()}
+    assert names == {
+        "for_processing.dcm", "for_presentation.dcm", "mammogram.tif", "preview.png",
+        "for_presentation.png", "geometry.json",
+    }  # fmt: skip
+    for name in names:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    other = make_mammogram(CC, seed=2)
+    other.save(tmp_path / "c")
+    uids = {dcmread(tmp_path / name / "for_processing.dcm").SOPInstanceUID for name in "ac"}
+    assert len(uids) == 2
+
+
+def test_a_study_is_saved_as_the_run_that_it_is(tmp_path):
+    keys = {"phantom": {"generate": {}}, "export": {"viewers": True}, "report": {"three_d": False}}
+    whole = dataclasses.replace(study(CC, MLO), config=config_of(keys, Path(), "any.yaml"))
+    whole.save(tmp_path / "run")
+    record = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert record["status"] == "done"
+    for name in ("report.html", "lesions.csv", "uncompressed.seg.nrrd", "lesions.mrk.json",
+                 "LCC/for_presentation.dcm", "LCC/displacement.nii.gz", "LCC/lesions.mrk.json",
+                 "LMLO/compressed.seg.nrrd", "LMLO/lesion_mask.dcm"):  # fmt: skip
+        assert (tmp_path / "run" / name).stat().st_size > 0, name
+    with pytest.raises(InputError, match="exists and is not empty; give overwrite=True"):
+        whole.save(tmp_path / "run")
+    whole.save(tmp_path / "run", overwrite=True)
+    with pytest.raises(InputError, match="the study has no configuration"):
+        study(CC).save(tmp_path / "other")

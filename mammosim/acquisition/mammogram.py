@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -221,6 +222,22 @@ class Mammogram:
         """The For Presentation image and a table of facts, for notebooks."""
         html: str = display_of(self, "html")(self)
         return html
+
+    def save(self, folder: str | PathLike[str]) -> None:
+        """Write the image as a run does: DICOM objects, TIFF, PNG, and the view's geometry.
+
+        Parameters
+        ----------
+        folder : path
+            Is made if it is missing; files of the same names are replaced. Without the path
+            lengths there are no lesion masks.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be written.
+        """
+        display_of(self, "save")(self, folder)
 
     def plot(
         self,

@@ -24,23 +24,6 @@ SECONDS_A_LINE = 30.0
 COMPILING = "compiling, once on a machine, a minute in all"
 """45 s for the example on two cores, 25 to 30 s of it where the first view is compressed."""
 
-STAGES = {
-    "phantom": "making the breast",
-    "compression": "compressing",
-    "volumes": "writing volumes",
-    "projection": "tracing rays",
-    "acquisition": "exposing",
-    "targets": "finding lesions on the image",
-    "projections": "taking projections",
-    "reconstruction": "reconstructing slices",
-    "export": "writing images",
-    "lesion shift": "comparing views",
-    "biopsy": "compressing for biopsy",
-    "uncertainty": "compressing again for the uncertainty",
-    "report": "writing the report",
-}
-"""What each stage does, in words."""
-
 
 @contextmanager
 def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
@@ -54,7 +37,7 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
         Whether to show the solver's numbers too.
     """
     from mammosim._jit import watch_compiling  # here, as Numba takes a while to load
-    from mammosim.pipeline import RunProgress
+    from mammosim.pipeline import RunProgress, stage_in_words
 
     with _moving_line() if err.is_terminal else nullcontext(_line_now_and_then()) as show:
         run = RunProgress(plan)
@@ -63,9 +46,7 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
 
         def tell(view: str, stage: str, row: Any) -> None:
             nonlocal where, began, explained
-            # Samples of the uncertainty count themselves in the stage's name.
-            doing = STAGES.get(stage, stage)
-            where = f"{view}: {doing}" if view else doing
+            where = stage_in_words(view, stage)
             if row is None:
                 run.report(view, stage)
                 began, explained = monotonic(), False

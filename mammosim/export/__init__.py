@@ -42,7 +42,7 @@ from mammosim.export.tables import (
     write_table,
 )
 from mammosim.export.victre import write_victre
-from mammosim.export.view import write_compressed, write_draw, write_images
+from mammosim.export.view import save_mammogram, write_compressed, write_draw, write_images
 from mammosim.export.viewer_files import MARKUPS_FILE, write_markups
 from mammosim.export.volumes import (
     read_compressed_labels,
@@ -76,6 +76,7 @@ __all__ = [
     "read_displacement",
     "read_geometry",
     "reconstruction_geometry",
+    "save_mammogram",
     "series_geometry",
     "slice_masks",
     "text_of_csv",

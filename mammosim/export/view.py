@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
@@ -133,10 +134,8 @@ def write_images(
     view = mammogram.gantry.view
     here = [target for target in targets if target.view in (view.folder, view.label)]
     masks = lesion_masks(paths, here)
-    write_geometry(mammogram.gantry, folder / "geometry.json")
+    _write_mammogram(folder, mammogram, settings, study)
     if settings.dicom:
-        write_dicom(mammogram, "processing", folder / "for_processing.dcm", study, settings)
-        write_dicom(mammogram, "presentation", folder / "for_presentation.dcm", study, settings)
         if masks:
             write_segmentation(masks, mammogram, folder / "lesion_mask.dcm", study, settings)
         if any(lesion.mask.any() for lesion in masks):
@@ -144,15 +143,8 @@ def write_images(
             write_measurements(masks, mammogram, file, study, settings)
             file = folder / "lesion_outlines.dcm"
             write_presentation_state(masks, mammogram, file, study, settings)
-    write_contrast(mammogram, folder, study, settings)
     if settings.tiff:
-        write_mammogram_tiff(mammogram, folder / "mammogram.tif")
         write_lesion_tiff(masks, mammogram, folder / "lesion_mask.tif")
-    if settings.png:
-        write_preview(mammogram, folder / "preview.png")
-        write_full_picture(mammogram, folder / "for_presentation.png")
-    if settings.dose_map and mammogram.dose is not None and mammogram.dose.dose_map is not None:
-        write_dose_map(mammogram.dose.dose_map, mammogram.gantry, folder / "dose_map.nii.gz")
     if settings.path_lengths:
         write_path_lengths(paths, folder / "path_lengths.npz")
     if settings.glandular_thickness:
@@ -161,6 +153,36 @@ def write_images(
         write_density_tiff(paths, folder / "volumetric_density.tif")
     if settings.lesion_lengths and masks:
         write_lesion_lengths_tiff(paths, here, folder / "lesion_lengths.tif")
+
+
+def _write_mammogram(
+    folder: Path, mammogram: Mammogram, settings: ExportSettings, study: StudyIdentity
+) -> None:
+    """Write what follows from the image alone."""
+    write_geometry(mammogram.gantry, folder / "geometry.json")
+    if settings.dicom:
+        write_dicom(mammogram, "processing", folder / "for_processing.dcm", study, settings)
+        write_dicom(mammogram, "presentation", folder / "for_presentation.dcm", study, settings)
+    write_contrast(mammogram, folder, study, settings)
+    if settings.tiff:
+        write_mammogram_tiff(mammogram, folder / "mammogram.tif")
+    if settings.png:
+        write_preview(mammogram, folder / "preview.png")
+        write_full_picture(mammogram, folder / "for_presentation.png")
+    if settings.dose_map and mammogram.dose is not None and mammogram.dose.dose_map is not None:
+        write_dose_map(mammogram.dose.dose_map, mammogram.gantry, folder / "dose_map.nii.gz")
+
+
+def save_mammogram(mammogram: Mammogram, folder: str | PathLike[str]) -> None:
+    """Write an image that belongs to no run; see `Mammogram.save`.
+
+    Its identifiers follow from its pixels, so that the same image is the same DICOM objects.
+    """
+    digest = hashlib.sha256()
+    for pixels in (mammogram.for_processing, mammogram.for_presentation):
+        digest.update(pixels.tobytes())
+    study = StudyIdentity(digest.hexdigest())
+    _write_mammogram(Path(folder), mammogram, ExportSettings(), study)
 
 
 def write_draw(

@@ -27,12 +27,13 @@ from mammosim.pipeline.folder import (
     is_finished,
     read_record,
     refuse_own_configuration,
+    save_study,
     title_of,
     writing,
 )
 from mammosim.pipeline.locate import LocatedInRun, SavedView, locate_in_run, read_views
 from mammosim.pipeline.run import Observe, simulate, simulate_series, simulate_view
-from mammosim.pipeline.run_progress import RunProgress
+from mammosim.pipeline.run_progress import RunProgress, stage_in_words
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 
 __all__ = [
@@ -65,9 +66,11 @@ __all__ = [
     "read_record",
     "read_views",
     "refuse_own_configuration",
+    "save_study",
     "simulate",
     "simulate_series",
     "simulate_view",
+    "stage_in_words",
     "title_of",
     "writing",
 ]

@@ -15,6 +15,36 @@ MIN_KNOWN_SHARE = 0.05
 """Part of a run from which its own pace is trusted, rather than the plan's."""
 
 
+_STAGES = {
+    "phantom": "making the breast",
+    "compression": "compressing",
+    "volumes": "writing volumes",
+    "projection": "tracing rays",
+    "acquisition": "exposing",
+    "targets": "finding lesions on the image",
+    "projections": "taking projections",
+    "reconstruction": "reconstructing slices",
+    "export": "writing images",
+    "lesion shift": "comparing views",
+    "biopsy": "compressing for biopsy",
+    "uncertainty": "compressing again for the uncertainty",
+    "report": "writing the report",
+}
+"""What each stage does, in words."""
+
+
+def stage_in_words(view: str, stage: str) -> str:
+    """What a run is doing, for the view whose folder is given.
+
+    Examples
+    --------
+    >>> stage_in_words("LCC", "acquisition"), stage_in_words("", "report")
+    ('LCC: exposing', 'writing the report')
+    """
+    doing = _STAGES.get(stage, stage)  # samples of the uncertainty count themselves in its name
+    return f"{view}: {doing}" if view else doing
+
+
 class RunProgress:
     """Follows a run by the stages that it reports.
 

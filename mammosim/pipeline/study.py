@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from mammosim._display import display_of
 from mammosim.acquisition import Mammogram, Tomosynthesis
 from mammosim.compression import CompressedBreast
 from mammosim.phantom import BreastPhantom
+from mammosim.pipeline.configuration import RunConfig
 from mammosim.projection import PathLengths
 from mammosim.reconstruction import Reconstruction
 from mammosim.targets import ShiftAnswers, Target
@@ -70,12 +72,15 @@ class Study:
         Wall time of each stage, s.
     answers : ShiftAnswers
         Rules between views, biopsy and uncertainty.
+    config : RunConfig, optional
+        What was asked for.
     """
 
     breasts: tuple[BreastPhantom, ...]
     views: Mapping[str, ViewResult] = field(default_factory=dict)
     stage_seconds: Mapping[str, float] = field(default_factory=dict)
     answers: ShiftAnswers = field(default_factory=ShiftAnswers)
+    config: RunConfig | None = None
 
     @property
     def breast(self) -> BreastPhantom:
@@ -107,6 +112,29 @@ class Study:
         """The mammograms with lesions marked, and how far each moved, for notebooks."""
         html: str = display_of(self, "html")(tuple(self.views.values()), self.targets)
         return html
+
+    def save(self, folder: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the folder that `mammosim run` writes, with pictures, volumes, tables and report.
+
+        Parameters
+        ----------
+        folder : path
+            The run's folder.
+        overwrite : bool
+            Whether files in a folder that is not empty are replaced.
+
+        Raises
+        ------
+        InputError
+            If the folder is not empty or cannot be written, or the study was not simulated from a
+            configuration.
+
+        Notes
+        -----
+        Of `acquisition.realisations`, only the first is kept in memory and written; let `simulate`
+        write the others by its `output`.
+        """
+        display_of(self, "save")(self, folder, overwrite=overwrite)
 
     def plot(self, *, axes: Any = None) -> Any:
         """Draw the mammograms with their lesions.

@@ -166,7 +166,7 @@ class RunObserver:
     def _reached(self) -> Study | None:
         if not self._breasts:
             return None
-        return Study(tuple(self._breasts), self.views, dict(self._seconds))
+        return Study(tuple(self._breasts), self.views, dict(self._seconds), config=self._config)
 
     def _timed(self, folder: str, stage: Callable[..., Any], *arguments: Any, **keys: Any) -> Any:
         with self._timing(folder, STAGE_NAMES[stage.__name__]):

@@ -21,6 +21,7 @@ from mammosim.pipeline.configuration import (
     given_config,
 )
 from mammosim.pipeline.folder import RunFolder
+from mammosim.pipeline.run.notebook_bar import notebook_bar
 from mammosim.pipeline.run.observer import Observe, RunObserver, unobserved
 from mammosim.pipeline.run.series_truth import SeriesTruth
 from mammosim.pipeline.run.shift_analysis import exam_answers, with_ellipsoids
@@ -48,7 +49,7 @@ def simulate(
         Where to write each view as soon as it is there, and the tables and the report at the end.
     on_progress : callable, optional
         Called with the view's folder ('' for the run), the stage, and a row of the solver's
-        history or None.
+        history or None. Default: a bar in a Jupyter notebook, nothing elsewhere.
     **sections
         Sections and keys of `RunConfig`, each a settings object or a mapping of its keys.
 
@@ -66,7 +67,12 @@ def simulate(
     """
     config = given_config(config, sections, "simulate()")
     check_settings(config)
-    observer = RunObserver(config, output, on_progress)
+    with notebook_bar(config, on_progress) as report:
+        return _simulate(config, RunObserver(config, output, report))
+
+
+def _simulate(config: RunConfig, observer: RunObserver) -> Study:
+    """All breasts, all their views, and what follows from them together."""
     try:
         breasts = tuple(_make_breast(one, observer) for one in config.sides)
         first_id = 1
@@ -84,7 +90,7 @@ def simulate(
             breasts, observer.views, config, observer.on_progress
         )
         views = with_ellipsoids(observer.views, answers.uncertainty)
-        study = observer.finish(Study(breasts, views, answers=answers))
+        study = observer.finish(Study(breasts, views, answers=answers, config=config))
     except (Interrupted, KeyboardInterrupt) as stop:
         reached = observer.stop("interrupted")
         raise Interrupted(str(stop) or "the run was interrupted", reached) from None
