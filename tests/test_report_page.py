@@ -19,8 +19,10 @@ from mammosim.geometry import View
 from mammosim.report import ReportedView, ReportSettings, render_report, run_record
 from mammosim.report.crop import Crop, common_crops
 from mammosim.report.figures import convergence_svg, picture_data_uri
+from mammosim.report.glance import glance
 from mammosim.report.hanging import hanging
 from mammosim.report.markers import Marker, markers, shift_arrows
+from mammosim.targets import ShiftAnswers
 
 VOID = {"meta", "br", "link", "img", "hr", "input", "area", "base", "col", "embed", "source"}
 
@@ -204,7 +206,8 @@ def test_compression_and_exposure_are_in_units_a_radiologist_reads(record):
 def test_warnings_are_all_shown_and_each_once(record):
     views = views_of(*LEFT, notes=("Three cells inverted.", "The side was assumed."))
     text = Page(render_report(views, [], record)).words
-    assert "To note" in text
+    assert "Notes" in text
+    assert text.index("Mammograms") < text.index("Notes")
     assert text.count("The side was assumed.") == 1
     assert text.count("Three cells inverted.") == 1
 
@@ -382,3 +385,49 @@ def test_a_column_of_words_makes_a_line_of_each():
 )
 def test_without_anything_to_draw_there_is_no_curve(history):
     assert convergence_svg(history, "LCC") == ""
+
+
+def with_error(view: View, **measures: float) -> ReportedView:
+    """A view whose solver told how far it is from equilibrium."""
+    squeezed = make_compressed(view)
+    told = dict(squeezed.measures) | measures
+    return ReportedView(dataclasses.replace(squeezed, measures=told), make_mammogram(view))
+
+
+def test_the_first_things_said_are_shift_thickness_dose_and_how_sure():
+    view = with_error(LEFT[0], error_mm=0.004, largest_error_mm=0.123)
+    found = glance([view], make_targets(LEFT[0]), ShiftAnswers())
+    assert [line.name for line in found.moved] == ["1 mass 1", "2 calcs", "3 clip A"]
+    assert found.moved[0].text == f"LCC {make_targets(LEFT[0])[0].shift_mm:.0f} mm"
+    assert [(line.name, line.text) for line in found.dose] == [
+        ("LCC", "52.0 mm thick, 91 N, 1.46 mGy")
+    ]
+    assert found.sure[0].text == (
+        "within 0.12 mm of the model's equilibrium, less than 0.01 mm on average"
+    )
+    assert found.sure[1].text.startswith("not computed; targets.uncertainty")
+
+
+def test_what_did_not_converge_or_was_not_exposed_is_said_first():
+    view = ReportedView(make_compressed(LEFT[0], converged=False))
+    found = glance([view], [], ShiftAnswers())
+    assert found.dose[0].text.endswith("no image was made")
+    assert found.sure[0].text == "did not converge: do not rely on it"
+
+
+def test_many_lesions_are_counted_after_the_first_ones(record):
+    mass = make_targets(LEFT[0])[0]
+    many = [dataclasses.replace(mass, target_id=number) for number in range(1, 10)]
+    assert glance(views_of(LEFT[0]), many, ShiftAnswers()).more == 3
+    text = Page(render_report(views_of(LEFT[0]), many, record)).words
+    assert "3 more in the table" in text
+
+
+def test_ids_differ_all_over_the_page(record):
+    """Drawings of several views are made by one library, which counts from 1 in each."""
+    page = Page(render_report(views_of(*BOTH), targets_of(*BOTH), record))
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    referred = [a["xlink:href"][1:] for _, a in page.elements if "xlink:href" in a]
+    assert referred
+    assert set(referred) <= set(ids)

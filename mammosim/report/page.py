@@ -11,6 +11,7 @@ from markupsafe import Markup
 from mammosim.report.appearance import MEASURES
 from mammosim.report.facts import compression_rows, exposure_rows, lesions_seen
 from mammosim.report.figures import convergence_svg
+from mammosim.report.glance import glance
 from mammosim.report.hanging import ReportedView, hanging, hanging_order, targets_of
 from mammosim.report.lesion_shift import shift_section
 from mammosim.report.markers import shift_arrows
@@ -68,6 +69,7 @@ def render_report(
         status=_STATUS.get(record.get("status", "done"), ""),
         warnings=_warnings(ordered, record),
         hanging=hanging(ordered, targets, settings),
+        glance=glance(ordered, targets, answers or ShiftAnswers()),
         stacks=slice_stacks(ordered, targets),
         lesions=lesions_seen(seen, targets),
         shift_views=_shift_views(ordered, targets),

@@ -1,0 +1,102 @@
+"""What the page says first: what moved how far, thickness and dose, and how sure that is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mammosim.report.facts import lesions_seen
+from mammosim.report.hanging import ReportedView
+from mammosim.targets import ShiftAnswers, ShiftUncertainty, Target
+
+MAX_LESIONS = 6
+"""Lesions that are named first; the table has all."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a list: what it is about, and what is said of it."""
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Glance:
+    """Three lists beside the pictures.
+
+    Parameters
+    ----------
+    moved, dose, sure : tuple of Line
+    more : int
+        Lesions that are not in `moved`.
+    """
+
+    moved: tuple[Line, ...]
+    dose: tuple[Line, ...]
+    sure: tuple[Line, ...]
+    more: int
+
+
+def glance(
+    views: Sequence[ReportedView], targets: Sequence[Target], answers: ShiftAnswers
+) -> Glance:
+    """Gather the lists; views are in the page's order."""
+    seen = [view.squeezed.view for view in views]
+    lesions = [entry for entry in lesions_seen(seen, targets) if entry["first"].is_lesion]
+    moved = [_moved(entry) for entry in lesions[:MAX_LESIONS]]
+    dose = [_dose(view) for view in views]
+    sure = [_equilibrium(view) for view in views]
+    sure += _spread(lesions, answers.uncertainty)
+    return Glance(tuple(moved), tuple(dose), tuple(sure), max(0, len(lesions) - MAX_LESIONS))
+
+
+def _moved(entry: dict[str, Any]) -> Line:
+    parts = [
+        f"{name} {target.shift_mm:.0f} mm" + ("" if target.in_field else " (not in the picture)")
+        for name, target in entry["of_view"].items()
+    ]
+    return Line(f"{entry['number']} {entry['first'].name}", ", ".join(parts))
+
+
+def _dose(view: ReportedView) -> Line:
+    squeezed, mammogram = view.squeezed, view.mammogram
+    parts = [f"{squeezed.thickness_mm:.1f} mm thick"]
+    force = squeezed.measures.get("force_n", math.nan)
+    if math.isfinite(force):
+        parts.append(f"{force:.0f} N")
+    parts.append(f"{mammogram.dose_mgy:.2f} mGy" if mammogram else "no image was made")
+    return Line(squeezed.view.folder, ", ".join(parts))
+
+
+def _equilibrium(view: ReportedView) -> Line:
+    squeezed = view.squeezed
+    if not squeezed.converged:
+        return Line(squeezed.view.folder, "did not converge: do not rely on it")
+    mean, largest = squeezed.error_mm
+    if math.isfinite(mean) and math.isfinite(largest):
+        average = "less than 0.01" if mean < 0.01 else f"{mean:.2f}"
+        bound = f"within {max(largest, 0.01):.2f} mm of the model's equilibrium"
+        text = f"{bound}, {average} mm on average"
+    else:
+        text = "converged"
+    return Line(squeezed.view.folder, text)
+
+
+def _spread(
+    lesions: Sequence[dict[str, Any]], uncertainty: Sequence[ShiftUncertainty]
+) -> list[Line]:
+    """The longest semi-axis of each lesion's ellipsoid, or that it was not asked for."""
+    if not uncertainty:
+        return [
+            Line("Spread of stiffness, thickness and plates",
+                 "not computed; targets.uncertainty gives it in mm")
+        ]  # fmt: skip
+    shown = {entry["first"].target_id for entry in lesions[:MAX_LESIONS]}
+    return [
+        Line(f"{row.name}, {row.view}", f"within {row.long_mm:.0f} mm with 95 % probability")
+        for row in uncertainty
+        if row.target_id in shown
+    ]
