@@ -13,6 +13,7 @@ from mammosim.acquisition.detectors import find_detector
 from mammosim.acquisition.recording import beam_for, response_for, scatter_case
 from mammosim.acquisition.scatter import SCATTER_MODELS, Scatter, ScatterCase
 from mammosim.acquisition.scatter.layered import (
+    AROUND_MM,
     MULTIPLE,
     TANGENTS,
     CellGrid,
@@ -47,7 +48,7 @@ def test_layered_scatter_agrees_with_the_sum_over_all_pairs_of_cells():
     beam = rng.uniform(0.5, 1.5, shape)
     found = layered_scatter(beam, layers, CellGrid(CELL_MM, 4.0, 0.0, 1e9))
     np.testing.assert_allclose(
-        found, naive_layered(beam[0], layers, CELL_MM, TANGENTS, MULTIPLE), rtol=1e-6
+        found, naive_layered(beam[0], layers, CELL_MM, TANGENTS, MULTIPLE, AROUND_MM), rtol=1e-6
     )
 
 
@@ -83,9 +84,9 @@ def test_kernels_agree_with_monte_carlo_on_slabs(thickness_mm, plates, expected)
     band = (x[None, :] > 6.0) & (x[None, :] < 20.0) & (np.abs(y[:, None]) < 40.0)
     ring = (radius > 60.0) & (radius < 70.0) & (x[None, :] > 20.0)
     found = [ratio[0][cells].sum() / ratio[1][cells].sum() for cells in (centre, band, ring)]
-    # 1 to 4 % in the middle (another composition and spectrum among it), 3 to 8 % in the ring
+    # 0 to 4 % in the middle and 0 to 6 in the ring, another composition and spectrum among it
     np.testing.assert_allclose(found[:2], expected[:2], rtol=0.05)
-    assert found[2] == pytest.approx(expected[2], rel=0.1)
+    assert found[2] == pytest.approx(expected[2], rel=0.08)
 
 
 def upright_semicircle(thickness_mm, plates):

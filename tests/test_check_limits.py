@@ -158,3 +158,17 @@ def resident_part(address: int, size: int) -> float:
         entries = np.frombuffer(table.read(8 * (last - first)), np.uint64)
     exclusive = (entries >> np.uint64(56)) & np.uint64(1)  # the page of zeros is shared
     return float(exclusive.mean())
+
+
+def test_a_breast_too_large_for_the_coarse_copy_is_refused_by_check(tmp_path, monkeypatch):
+    monkeypatch.setattr("mammosim.projection.coarse_copy.MAX_VOXELS", 1000)
+    path = write(save_breast(tmp_path), views=["CC"])
+    result = invoke("check", path)
+    assert result.exit_code == 2
+    said = " ".join(result.output.split())
+    assert "LCC: acquisition.scatter: the compressed breast needs" in said
+    assert "at most 1e+03 are allowed; choose model: kernels" in said
+    kernels = write(
+        save_breast(tmp_path), views=["CC"], acquisition={"scatter": {"model": "kernels"}}
+    )
+    assert invoke("check", kernels).exit_code == 0

@@ -42,6 +42,24 @@ def test_the_coarse_copy_keeps_the_volume_of_each_tissue(breast, paths):
     assert copy.density.mean() == pytest.approx(1.0, abs=0.01)
 
 
+def test_the_coarse_copy_attenuates_as_the_path_lengths_do(paths):
+    """Also where a mechanical model leaves skin inside the plates, which are moved here."""
+    whole = paths.breast
+    held = replace(
+        whole, support_z_mm=whole.support_z_mm + 0.7, paddle_z_mm=whole.paddle_z_mm - 0.4
+    )
+    gantry = replace(paths.gantry, support_z_mm=held.support_z_mm)
+    amounts = []
+    for one, at in ((whole, paths.gantry), (held, gantry)):
+        copy = coarse_breast(one, at, 1.0)
+        assert copy.spacing_mm[2] * copy.shares.shape[2] == pytest.approx(one.thickness_mm)
+        amounts.append([
+            (copy.fraction(name) * copy.density).sum() * copy.spacing_mm[2]
+            for name in ("adipose", "gland")
+        ])  # fmt: skip
+    np.testing.assert_allclose(amounts[1], amounts[0], rtol=0.02)
+
+
 def test_primary_and_scatter_add_up_to_what_is_recorded(image):
     assert image.primary.dtype == image.scatter.dtype == np.float32
     assert image.primary.shape == image.scatter.shape == image.for_processing.shape
@@ -72,6 +90,8 @@ def test_without_voxels_kernels_run_and_a_note_says_so(paths):
 
 
 def test_dose_is_monte_carlos_with_dances_beside_it(image):
+    by_tissue = image.measures["dose_of_adipose_mgy"]
+    assert by_tissue == image.dose.material_mgy["adipose"] > 0.0
     dose = image.dose
     assert image.dose_mgy == dose.mgd_mgy == dose.by["monte-carlo"].mgd_mgy
     for one in dose.by.values():

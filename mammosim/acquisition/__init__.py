@@ -6,6 +6,7 @@ from mammosim.acquisition.expose import expose
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Dose, GlandularDose, Mammogram
 from mammosim.acquisition.named_files import check_acquisition
+from mammosim.acquisition.scatter import VOXEL_MM as SCATTER_VOXEL_MM
 from mammosim.acquisition.scatter import DoseMap
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.tomosynthesis import Tomosynthesis, expose_arc
@@ -13,6 +14,7 @@ from mammosim.acquisition.visibility import Visibility, lesion_visibility
 
 __all__ = [
     "DETECTORS",
+    "SCATTER_VOXEL_MM",
     "AcquisitionKeys",
     "AcquisitionSettings",
     "Detector",

@@ -332,7 +332,7 @@ def _scatter(arrival: Arrival) -> dict[str, float]:
 
 
 def _dose(dose: Dose) -> dict[str, float]:
-    """Glandular dose by each method, and skin dose, mGy, where Monte Carlo ran."""
+    """Glandular dose by each method, skin dose and that of other tissues, mGy, by Monte Carlo."""
     if dose.method != "monte-carlo":
         return {}
     measures = {
@@ -343,4 +343,7 @@ def _dose(dose: Dose) -> dict[str, float]:
     }
     if np.isfinite(dose.material_mgy.get("skin", float("nan"))):
         measures["skin_dose_mgy"] = dose.material_mgy["skin"]
+    for name, value in dose.material_mgy.items():
+        if name not in ("gland", "skin") and np.isfinite(value):
+            measures[f"dose_of_{name.replace(' ', '_')}_mgy"] = value
     return measures

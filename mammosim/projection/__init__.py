@@ -6,6 +6,7 @@ from mammosim.projection.coarse_copy import CoarseBreast, coarse_breast
 from mammosim.projection.detector_field import STANDARD_FORMATS_MM, Shadow, cast_shadow
 from mammosim.projection.feasible import (
     check_arc,
+    check_copy,
     check_memory,
     check_shadow,
     installed_memory,
@@ -30,6 +31,7 @@ __all__ = [
     "cast_shadow",
     "channels_of",
     "check_arc",
+    "check_copy",
     "check_memory",
     "check_shadow",
     "coarse_breast",

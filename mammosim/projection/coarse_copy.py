@@ -21,6 +21,15 @@ MAX_MATERIALS = 15
 MAX_VOXELS = 16_000_000
 """Most coarse voxels: their labels, shares and densities take 20 bytes each, 320 MB."""
 
+MAX_IN_PLATE_MM = 3.0
+"""How deep in a plate tissue may lie so that the plate is taken to push it away, mm: half a cell of
+a coarse lattice, and more."""
+
+# Parts of a step by which the columns of a block of 2 x 2 are shifted along z.
+_STAGGER = {(0, 0): -0.375, (1, 1): -0.125, (0, 1): 0.125, (1, 0): 0.375}
+
+_LEVEL_MM, _COLUMNS_WITHIN = 0.25, 0.95
+
 BEHIND_EDGE_MM = 30.0
 """How far tissue behind the detector's edge is kept, mm; two mean free paths of 20 keV photons."""
 
@@ -80,30 +89,119 @@ def coarse_breast(squeezed: CompressedBreast, gantry: Gantry, voxel_mm: float) -
     Notes
     -----
     Eight points of each voxel are looked up, so that fractions are eighths and no tissue is lost
-    on average however thin it is. Tissue above the paddle's or below the support's face is left
-    out, as is what lies more than `BEHIND_EDGE_MM` behind the detector's edge or more than
-    `BESIDE_FIELD_MM` beside the field.
+    on average however thin it is. What a mechanical model leaves inside the plates, up to
+    `MAX_IN_PLATE_MM`, is pushed out of them: heights are scaled into the gap, densities by the
+    inverse, so that the copy attenuates as the path lengths do. Other tissue above the paddle's or
+    below the support's face is left out, as is what lies more than `BEHIND_EDGE_MM` behind the
+    detector's edge or more than `BESIDE_FIELD_MM` beside the field.
     """
     mapped = voxel_map(squeezed)
     low, high = _box_mm(squeezed, mapped, gantry, voxel_mm)
-    counts = np.maximum(np.ceil((high - low) / voxel_mm - 1e-6), 1.0)
+    nx, ny, nz = _counts(low, high, voxel_mm)
+    spacing = np.array([voxel_mm, voxel_mm, (high[2] - low[2]) / nz])
+    below, above = _in_plates_mm(squeezed, mapped, gantry, low, (nx, ny))
+    scale = (high[2] + below + above) / high[2] if high[2] > 0.0 else 1.0
+    shift = np.array([gantry.detector_edge_mm, 0.0, gantry.support_z_mm])
+    first, step = low + shift - [0.0, 0.0, below], spacing * [1.0, 1.0, scale]
+    labels = _staggered_labels(squeezed, mapped, first, 0.5 * step, (2 * nx, 2 * ny, 2 * nz))
+    halves = np.empty((nx, ny, 2 * nz), np.float32)
+    carry_density(*_axes(mapped, first, step * [1.0, 1.0, 0.5], halves.shape), mapped.nodes, halves)
+    density = scale * _of_tissue(halves, labels)
+    materials, sampled = _sampled_as(squeezed, channels_of(squeezed.phantom))
+    return CoarseBreast(low, spacing, materials, fold(labels, sampled), density)
+
+
+def _staggered_labels(
+    squeezed: CompressedBreast,
+    mapped: VoxelMap,
+    first_mm: NDArray[np.float64],
+    step_mm: NDArray[np.float64],
+    shape: tuple[int, int, int],
+) -> NDArray[np.uint8]:
+    """Labels at the points of a grid whose columns are shifted along z by parts of a step.
+
+    Skin lies flat under the plates: columns with points at the same heights would count it up to a
+    quarter too thick or too thin.
+    """
+    labels = np.empty(shape, np.uint8)
+    u, v, k = _axes(mapped, first_mm, step_mm, shape)
+    last = mapped.frame.shape[2] - 1.0
+    for (a, b), part in _STAGGER.items():
+        some = np.empty((shape[0] // 2, shape[1] // 2, shape[2]), np.uint8)
+        shifted = np.clip(k + part * step_mm[2] / mapped.frame.spacing_mm[2], 0.0, last)
+        carry_labels(u[a::2], v[b::2], shifted, mapped.nodes, squeezed.phantom.labels, some)
+        labels[a::2, b::2] = some
+    return labels
+
+
+def _of_tissue(halves: NDArray[np.float32], labels: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """[x, y, z] mean of a voxel's lower and upper half, as much of each as holds tissue."""
+    nx, ny, nz = (size // 2 for size in labels.shape)
+    tissue = np.zeros((nx, ny, nz, 2), np.float32)
+    for a in range(2):
+        for b in range(2):
+            tissue += labels[a::2, b::2].reshape(tissue.shape) > 0
+    there = tissue.sum(axis=-1)
+    mean = (halves.reshape(tissue.shape) * tissue).sum(axis=-1)
+    return np.divide(mean, there, out=np.ones_like(mean), where=there > 0.0)
+
+
+def check_coarse_size(squeezed: CompressedBreast, gantry: Gantry, voxel_mm: float) -> None:
+    """Refuse a breast whose coarse copy would be too large, without making it.
+
+    Raises
+    ------
+    InputError
+        As `coarse_breast` does.
+    """
+    _counts(*_box_mm(squeezed, voxel_map(squeezed), gantry, voxel_mm), voxel_mm)
+
+
+def _counts(
+    low_mm: NDArray[np.float64], high_mm: NDArray[np.float64], voxel_mm: float
+) -> tuple[int, int, int]:
+    """Voxels along each axis."""
+    counts = np.maximum(np.ceil((high_mm - low_mm) / voxel_mm - 1e-6), 1.0)
     if np.prod(counts) > MAX_VOXELS:
         raise InputError(
             f"acquisition.scatter: the compressed breast needs {np.prod(counts):.3g} voxels of "
             f"{voxel_mm:g} mm, at most {MAX_VOXELS:.3g} are allowed; choose model: kernels"
         )
     nx, ny, nz = (int(count) for count in counts)
-    spacing = np.array([voxel_mm, voxel_mm, (high[2] - low[2]) / nz])
-    labels = np.empty((2 * nx, 2 * ny, 2 * nz), np.uint8)
+    return nx, ny, nz
+
+
+def _in_plates_mm(
+    squeezed: CompressedBreast,
+    mapped: VoxelMap,
+    gantry: Gantry,
+    low_mm: NDArray[np.float64],
+    columns: tuple[int, int],
+) -> tuple[float, float]:
+    """How deep tissue reaches into support and paddle, mm: less in 19 columns of 20.
+
+    Columns count that end within `MAX_IN_PLATE_MM` of the plate's face; the others bulge past a
+    plate that is not there.
+    """
+    x = low_mm[0] + (np.arange(columns[0]) + 0.5)
+    under = x > squeezed.plate_edge_mm - gantry.detector_edge_mm
     shift = np.array([gantry.detector_edge_mm, 0.0, gantry.support_z_mm])
-    carry_labels(
-        *_axes(mapped, low + shift, 0.5 * spacing, labels.shape),
-        mapped.nodes, squeezed.phantom.labels, labels,
-    )  # fmt: skip
-    density = np.empty((nx, ny, nz), np.float32)
-    carry_density(*_axes(mapped, low + shift, spacing, density.shape), mapped.nodes, density)
-    materials, sampled = _sampled_as(squeezed, channels_of(squeezed.phantom))
-    return CoarseBreast(low, spacing, materials, fold(labels, sampled), density)
+    levels = round(MAX_IN_PLATE_MM / _LEVEL_MM) + 1
+    step = np.array([1.0, 1.0, _LEVEL_MM])
+    depths = []
+    for face_mm, down in ((0.0, True), (squeezed.thickness_mm, False)):
+        first = np.array([low_mm[0], low_mm[1], face_mm - (levels * _LEVEL_MM if down else 0.0)])
+        labels = np.empty((*columns, levels), np.uint8)
+        carry_labels(
+            *_axes(mapped, first + shift, step, labels.shape),
+            mapped.nodes, squeezed.phantom.labels, labels,
+        )  # fmt: skip
+        tissue = labels[under] > 0
+        tissue = tissue[..., ::-1] if down else tissue  # from the face into the plate
+        inside = tissue[..., :-1][tissue[..., 0] & ~tissue[..., -1]]
+        deep = inside.mean(axis=0) > 1.0 - _COLUMNS_WITHIN if len(inside) else np.zeros(1, bool)
+        depths.append(_LEVEL_MM * float(np.argmin(np.append(deep, False))))
+    return depths[0], depths[1]
 
 
 def fold(labels: NDArray[np.uint8], sampled: SampledAs) -> NDArray[np.uint64]:

@@ -7,6 +7,7 @@ import os
 
 from mammosim.compression import CompressedBreast
 from mammosim.errors import InputError
+from mammosim.projection.coarse_copy import check_coarse_size
 from mammosim.projection.detector_field import formats_mm, pixels_of, place_detector
 from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
 from mammosim.projection.voxel_map import voxel_map
@@ -109,3 +110,24 @@ def check_shadow(
     coarse = settings.model_copy(update={"pixel_mm": 1.0})
     _, notes = place_detector(compressed, voxel_map(compressed), coarse, arc)
     return notes
+
+
+def check_copy(compressed: CompressedBreast, settings: ProjectionSettings, voxel_mm: float) -> None:
+    """Refuse a breast that is too large for a copy of coarse voxels (`coarse_breast`).
+
+    Parameters
+    ----------
+    compressed : CompressedBreast
+        Perhaps on a coarse lattice.
+    settings : ProjectionSettings
+    voxel_mm : float
+        Edge of the copy's voxels, mm.
+
+    Raises
+    ------
+    InputError
+        With the voxels needed and allowed.
+    """
+    coarse = settings.model_copy(update={"pixel_mm": 1.0})
+    gantry, _ = place_detector(compressed, voxel_map(compressed), coarse)
+    check_coarse_size(compressed, gantry, voxel_mm)

@@ -138,11 +138,23 @@ def boone_ratio(diameter_cm, thickness_cm):
     return 1.0 / (-2.354528 + 22.396098 * diameter_cm**-1.5 + 8.850643 * thickness_cm**-0.5)
 
 
-def layered(beam, layers, cell_mm, tangents, multiple):
+def gaussian_mean(image, sigma):
+    """Mean around each cell with the weights of a Gaussian, cells beyond an edge as those at it."""
+    reach = int(4.0 * sigma + 0.5)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    for axis in (0, 1):
+        at = np.arange(-reach, reach + 1)[:, None] + np.arange(image.shape[axis])
+        lines = np.take(image, np.clip(at, 0, image.shape[axis] - 1), axis=axis)
+        image = np.tensordot(weights / weights.sum(), lines, (0, axis))
+    return image
+
+
+def layered(beam, layers, cell_mm, tangents, multiple, around_mm):
     """Sum over all pairs of cells and all layers, for parallel rays and one energy."""
     rows, columns = beam.shape
     depths = [layer.depth[0] for layer in layers]
     turbid = sum(layer.emission.albedo[0] * layer.depth[0] for layer in layers)
+    turbid = gaussian_mean(turbid, around_mm / cell_mm)
     again = multiple[0] * turbid / (1.0 + multiple[1] * turbid)
     whole = sum(depths) > 0.5 * sum(depths).max()
     out = np.zeros((rows, columns))

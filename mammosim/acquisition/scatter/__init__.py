@@ -12,7 +12,11 @@ from collections.abc import Callable
 import numpy as np
 
 from mammosim.acquisition.scatter.convolution import scatter_by_kernels
-from mammosim.acquisition.scatter.photon_transport import follow_through, scatter_by_monte_carlo
+from mammosim.acquisition.scatter.photon_transport import (
+    VOXEL_MM,
+    follow_through,
+    scatter_by_monte_carlo,
+)
 from mammosim.acquisition.scatter.scatter_case import DoseMap, Scatter, ScatterCase, ScatterDose
 
 
@@ -34,6 +38,7 @@ DEFAULT_SCATTER = "monte-carlo"
 __all__ = [
     "DEFAULT_SCATTER",
     "SCATTER_MODELS",
+    "VOXEL_MM",
     "DoseMap",
     "Scatter",
     "ScatterCase",

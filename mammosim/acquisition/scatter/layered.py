@@ -25,8 +25,11 @@ LAYERS = 8
 """Layers into which the breast is divided."""
 
 # Scatter of second and higher order over that of first order, in a layer of the scattering depth t
-# of the whole breast above and below it: a t / (1 + b t). Fitted to this package's Monte Carlo.
-MULTIPLE = (0.46, 0.33)
+# of the whole breast above and below it: a t / (1 + b t). t is averaged with a Gaussian of
+# `AROUND_MM`, since photons that scatter again come from around: near the margin fewer do. The
+# three are fitted to the ten slabs of FDA's MC-GPU (docs/explanation/acquisition.md).
+MULTIPLE = (0.46, 0.22)
+AROUND_MM = 30.0
 REACH_MM = 120.0
 """How far scatter goes: kernels end there."""
 
@@ -198,7 +201,8 @@ def layered_scatter(
             layer.emission.albedo[energy] * depth
             for layer, depth in zip(layers, along, strict=True)
         )
-        again = MULTIPLE[0] * turbid / (1.0 + MULTIPLE[1] * turbid)
+        around = ndimage.gaussian_filter(turbid, AROUND_MM / grid.cell_mm, mode="nearest")
+        again = MULTIPLE[0] * around / (1.0 + MULTIPLE[1] * around)
         reaching = open_signal[energy].copy()
         for number in reversed(range(len(layers))):
             layer, depth = layers[number], along[number]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mammosim.acquisition import check_acquisition
+from mammosim.acquisition import SCATTER_VOXEL_MM, check_acquisition
 from mammosim.compression import (
     MODELS,
     CompressedBreast,
@@ -21,6 +21,7 @@ from mammosim.plausibility import doubts
 from mammosim.projection import (
     cast_shadow,
     check_arc,
+    check_copy,
     check_memory,
     check_shadow,
 )
@@ -162,6 +163,8 @@ def _check_shadows(config: RunConfig, breast: BreastPhantom) -> list[str]:
         try:
             found = check_shadow(compressed, view.projection, view.tomosynthesis)
             _check_volume(compressed, view)
+            if view.acquisition.scatter_model == "monte-carlo":
+                check_copy(compressed, view.projection, SCATTER_VOXEL_MM)
         except InputError as error:
             said = " ".join(error.problems)
             problems.append(f"{compressed.view.folder}: {said}, {_BY_ESTIMATE}")

@@ -35,6 +35,9 @@ BYTES_A_DRAWN_PIXEL = 30.0
 """Of what arrives at the detector, twice more in single precision and second moment, and of one
 draw's images, where several realisations are made."""
 
+BYTES_PER_MAPPED_MM3 = 80.0
+"""Of a dose map: each of 16 batches' energy in a coarse voxel of 1 mm, and the voxel itself."""
+
 SECONDS_A_DRAWN_PIXEL = 6e-7
 """Noise and processing of one more draw, and its files."""
 
@@ -173,6 +176,8 @@ def _plan_side(config: RunConfig, named: str) -> _SidePlan:
         draws = view.acquisition.realisations or 1
         seconds += pixels * SECONDS_A_DRAWN_PIXEL * (draws - 1)
         drawn = pixels * BYTES_A_DRAWN_PIXEL if draws > 1 else 0.0
+        if view.dose_map and view.acquisition.scatter_model == "monte-carlo":
+            stack += voxels * voxel_volume_mm3 * BYTES_PER_MAPPED_MM3
         largest = max(largest, lattice_bytes + pixels * BYTES_A_PIXEL + stack + drawn)
         masks = max(masks, pixels * lesions * BYTES_A_LESION_PIXEL)
         name = named + view.label
