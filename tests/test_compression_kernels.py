@@ -55,25 +55,29 @@ def test_one_layer_of_air_around_tissue(kernel, twin):
     np.testing.assert_allclose(field, expected, atol=1e-14)  # sums of 26 terms in another order
 
 
-@pytest.mark.parametrize("largest", [0.0, 0.3, 1.5])
-def test_inverse_of_a_small_lattice(largest):
-    """At rest, bent, and so far displaced that cells fold over each other."""
+@pytest.mark.parametrize(("largest", "per_cell"), [(0.0, 1), (0.3, 1), (0.3, 2), (1.5, 1)])
+def test_inverse_of_a_small_lattice(largest, per_cell):
+    """At rest, bent, also on a finer grid, and so far displaced that cells fold over each other."""
     rng = np.random.default_rng(4)
-    tissue = rng.random((4, 4, 4)) < 0.6
-    displacement = rng.uniform(-largest, largest, (4, 4, 4, 3))
-    shift, shape = np.array([-1.0, -1.0, -1.0]), (6, 6, 6)
+    nodes = 5 - per_cell  # few: the twin tries every cell at each of the grid's points
+    tissue = rng.random((nodes,) * 3) < 0.6
+    displacement = rng.uniform(-largest, largest, (nodes, nodes, nodes, 3))
+    shift, shape = np.full(3, -1.0 * per_cell), ((nodes + 2) * per_cell,) * 3
     original, rank = np.full((*shape, 3), np.nan), np.zeros(shape, np.int8)
-    rasterise_inverse(displacement, tissue, shift, KUHN_TETRAHEDRA, original, rank)
+    rasterise_inverse(
+        displacement, tissue, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank
+    )
     covered = 0
     for index in np.ndindex(*shape):
-        expected = naive.place_at_rest(displacement, tissue, np.array(index) + shift)
+        point = (np.array(index) + shift) / per_cell
+        expected = naive.place_at_rest(displacement, tissue, point)
         assert (rank[index] > 0) == (expected is not None)
         if expected is None:
             continue
         covered += 1
         if largest > 1.0:  # folded: tetrahedra of one cell may cover a point twice
             moved = expected_images(displacement, original[index])
-            np.testing.assert_allclose(moved, np.array(index) + shift, atol=1e-6)
+            np.testing.assert_allclose(moved, point, atol=1e-6)
         else:
             np.testing.assert_allclose(original[index], expected, atol=1e-9)
     assert covered > 20

@@ -129,8 +129,10 @@ def test_the_report_hangs_right_and_left_back_to_back(exam):
 
 
 def test_a_hanging_protocol_fills_its_four_slots(exam):
+    """OHIF's own: as published, it leaves RMLO empty and fills the other three alike."""
     images = [d for d in objects_of(exam) if d.SOPClassUID.endswith((".1.2", ".1.2.1"))]
     shown = hang(images)
+    assert hang(images, as_published=True) == {**shown, "RMLO": None}
     for slot, dataset in shown.items():
         assert dataset.ImageLaterality + dataset.ViewPosition == slot
         assert dataset.PresentationIntentType == "FOR PRESENTATION"
@@ -187,3 +189,25 @@ def test_an_archive_receives_finds_and_returns_every_object(exam, tmp_path):
             returned = archive.retrieve(kept[uid])
             # Orthanc keeps the bytes that it received.
             assert returned == Path(dataset.filename).read_bytes()
+
+
+@pytest.mark.service
+@pytest.mark.skipif(
+    Archive.program() is None or not Archive.speaks_dicom(),
+    reason="Orthanc (Debian: orthanc) or dcmtk is not installed",
+)
+def test_an_archive_takes_and_gives_every_object_over_the_network(exam, tmp_path):
+    """C-STORE, C-FIND of study and series, C-GET: each object comes back with what it held."""
+    sent = {str(dataset.SOPInstanceUID): dataset for dataset in objects_of(exam)}
+    with Archive(tmp_path) as archive:
+        archive.c_store([dataset.filename for dataset in sent.values()])
+        asked = {"PatientID": "W-1", "StudyInstanceUID": "", "NumberOfStudyRelatedInstances": ""}
+        (study,) = archive.c_find("STUDY", **asked)
+        assert int(study["NumberOfStudyRelatedInstances"]) == len(sent)
+        series = archive.c_find("SERIES", PatientID="W-1", Modality="MG", SeriesDescription="")
+        assert {one["SeriesDescription"] for one in series} >= {"R CC", "L CC", "R MLO", "L MLO"}
+        returned = archive.c_get(study["StudyInstanceUID"], tmp_path / "returned")
+        assert len(returned) == len(sent)
+        for path in returned:
+            dataset = pydicom.dcmread(path)
+            assert dataset == sent[str(dataset.SOPInstanceUID)]

@@ -15,10 +15,11 @@ KUHN_TETRAHEDRA = np.array(
 
 
 @kernel
-def rasterise_inverse(displacement, tissue, shift, tetrahedra, original, rank):
+def rasterise_inverse(displacement, tissue, per_cell, shift, tetrahedra, original, rank):
     """Write the place at rest of every grid point that a deformed cell covers.
 
-    Places are in lattice units. Grid point [i, j, k] lies at ``[i, j, k] + shift``. Cells with at
+    Places are in lattice units. There are `per_cell` grid points per lattice unit: grid point
+    [i, j, k] lies at ``([i, j, k] + shift) / per_cell``. Cells with at
     least one tissue node take part; where cells overlap, the one with more tissue nodes wins, the
     first of equals. `rank` holds the number of tissue nodes of the cell that wrote a point.
     """
@@ -38,7 +39,8 @@ def rasterise_inverse(displacement, tissue, shift, tetrahedra, original, rank):
                     a, b, c = i + n // 4, j + (n // 2) % 2, k + n % 2
                     rest[n, 0], rest[n, 1], rest[n, 2] = a, b, c
                     for d in range(3):
-                        corners[n, d] = rest[n, d] + displacement[a, b, c, d] - shift[d]
+                        place = rest[n, d] + displacement[a, b, c, d]
+                        corners[n, d] = per_cell * place - shift[d]
                 for t in range(6):
                     _fill_tetrahedron(corners, rest, tetrahedra[t], nodes, original, rank)
 

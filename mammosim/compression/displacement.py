@@ -62,7 +62,11 @@ class DisplacementField:
     @cached_property
     def inverse(self) -> InverseMap:
         """The map back to the uncompressed breast, on a regular grid."""
-        return invert(self.frame, self.displacement_mm, self.tissue)
+        return self.inverse_with(1)
+
+    def inverse_with(self, per_cell: int) -> InverseMap:
+        """The same map with several grid points per lattice cell along each axis; not kept."""
+        return invert(self.frame, self.displacement_mm, self.tissue, per_cell)
 
     def original_point(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """(n, 3) uncompressed place of compressed points (n, 3), both in the breast frame, mm.

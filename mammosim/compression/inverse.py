@@ -12,8 +12,8 @@ from mammosim.compression.continuation import continued
 from mammosim.geometry import VoxelFrame
 
 RIM_LAYERS = 1
-"""Layers of grid points around the covered ones that are continued, so that interpolation works up
-to the skin."""
+"""Layers of lattice cells around the covered points that are continued, so that interpolation works
+up to the skin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,10 @@ class InverseMap:
 
 
 def invert(
-    frame: VoxelFrame, displacement_mm: NDArray[np.float32], tissue: NDArray[np.bool_]
+    frame: VoxelFrame,
+    displacement_mm: NDArray[np.float32],
+    tissue: NDArray[np.bool_],
+    per_cell: int = 1,
 ) -> InverseMap:
     """Turn a displacement field round.
 
@@ -46,29 +49,47 @@ def invert(
     displacement_mm : ndarray, [x, y, z, 3]
         Displacement of its nodes, continued into the air around the tissue.
     tissue : ndarray of bool, [x, y, z]
+    per_cell : int
+        Grid points of the inverse per lattice cell along each axis.
 
     Notes
     -----
     Each deformed cell is cut into six tetrahedra in which the field is linear; grid points inside
-    get the exact inverse of that. Where tissue folds over itself, cells deeper inside win. The
-    grid has the lattice's spacing, and its points coincide with the nodes where nothing moves.
+    get the exact inverse of that. Where tissue folds over itself, cells deeper inside win. With
+    one point per cell the grid's points coincide with the nodes where nothing moves.
     """
     displacement = displacement_mm / frame.spacing_mm
     index = np.argwhere(tissue)
-    moved = index + displacement[tissue]
+    moved = per_cell * (index + displacement[tissue])
     shift = np.floor(moved.min(axis=0)) - 2.0
     nx, ny, nz = (int(n) for n in np.ceil(moved.max(axis=0)) + 3.0 - shift)
     shape = (nx, ny, nz)
     original = np.full((*shape, 3), np.nan)
     rank = np.zeros(shape, np.int8)
-    rasterise_inverse(displacement, tissue, shift, KUHN_TETRAHEDRA, original, rank)
-    covered = rank > 0
-    grid = np.indices(shape) + shift[:, None, None, None]
-    back = continued(
-        np.where(covered, np.moveaxis(original, -1, 0) - grid, 0.0), covered, RIM_LAYERS
+    rasterise_inverse(
+        displacement, tissue, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank
     )
-    rim = continued(covered[None].astype(np.float32), covered, RIM_LAYERS)[0] > 0.0
-    places = np.where(rim, grid + back, np.nan)
-    original_mm = frame.origin_mm + np.moveaxis(places, 0, -1) * frame.spacing_mm
-    inverse_frame = VoxelFrame(frame.position_mm(shift), frame.spacing_mm, shape)
-    return InverseMap(inverse_frame, original_mm.astype(np.float32))
+    covered = rank > 0
+    layers = per_cell * RIM_LAYERS
+    rim = continued(covered[None].astype(np.float32), covered, layers)[0] > 0.0
+    back = np.zeros((3, *shape))
+    for axis, grid in enumerate(_grid(shape, shift, per_cell)):
+        back[axis] = np.where(covered, original[..., axis] - grid, 0.0)
+    del original  # which is large
+    back = continued(back, covered, layers)
+    original_mm = np.empty((*shape, 3), np.float32)
+    for axis, grid in enumerate(_grid(shape, shift, per_cell)):
+        place = np.where(rim, grid + back[axis], np.nan)
+        original_mm[..., axis] = frame.origin_mm[axis] + place * frame.spacing_mm[axis]
+    inverse_frame = VoxelFrame(
+        frame.position_mm(shift / per_cell), frame.spacing_mm / per_cell, shape
+    )
+    return InverseMap(inverse_frame, original_mm)
+
+
+def _grid(
+    shape: tuple[int, int, int], shift: NDArray[np.float64], per_cell: int
+) -> list[NDArray[np.float64]]:
+    """Coordinates of the grid's points along each axis, lattice units, ready to be broadcast."""
+    axes = np.ogrid[tuple(slice(0, size) for size in shape)]
+    return [(axis + low) / per_cell for axis, low in zip(axes, shift, strict=True)]

@@ -8,7 +8,7 @@ from weakref import ref
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression import CompressedBreast
+from mammosim.compression import CompressedBreast, InverseMap
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
 from mammosim.projection._grid_kernels import measure_cells
@@ -78,7 +78,7 @@ def _made_map(squeezed: CompressedBreast) -> VoxelMap:
         raise InputError(
             f"inverse map: found {inverse.frame.shape} nodes, expected at least 2 along each axis"
         )
-    nodes = _nodes(squeezed)
+    nodes = voxels_at(squeezed, inverse)
     cells = tuple(size - 1 for size in inverse.frame.shape)
     ratio = np.empty(cells, dtype=np.float64)
     tissue = np.empty(cells, dtype=np.uint8)
@@ -92,9 +92,9 @@ def _made_map(squeezed: CompressedBreast) -> VoxelMap:
     return VoxelMap(inverse.frame, nodes, tissue > 0, float(clipped / tissue.sum(dtype=np.int64)))
 
 
-def _nodes(squeezed: CompressedBreast) -> NDArray[np.float32]:
-    """Nodes [x, y, z, 4] with the fractional voxel of each and density 1."""
-    phantom, original = squeezed.phantom, squeezed.inverse.original_mm
+def voxels_at(squeezed: CompressedBreast, inverse: InverseMap) -> NDArray[np.float32]:
+    """Nodes [x, y, z, 4] of an inverse map with the fractional voxel of each and density 1."""
+    phantom, original = squeezed.phantom, inverse.original_mm
     nodes = np.ones((*original.shape[:3], 4), dtype=np.float32)
     for plane, place_mm in zip(nodes, original, strict=True):  # a plane at a time spares memory
         index = phantom.frame.index(squeezed.view.breast_from_compression(place_mm))

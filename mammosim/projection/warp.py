@@ -11,10 +11,15 @@ from mammosim.compression import CompressedBreast
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
 from mammosim.projection._grid_kernels import carry_labels
-from mammosim.projection.voxel_map import VoxelMap, voxel_map
+from mammosim.projection.voxel_map import VoxelMap, voxel_map, voxels_at
 
 MOST_VOXELS = 200_000_000
 """Most voxels that are made unasked: 200 MB of labels, which viewers still open."""
+
+MAP_SPACING_MM = 0.75
+"""Spacing that a coarser inverse map is refined to. In an oblique view by springs with cells of
+3 mm, interpolating one point per cell misses the field's own inverse by 0.16 mm on average and
+0.5 mm at the 95th percentile; at 0.75 mm the voxels matter more."""
 
 
 def compressed_labels(
@@ -43,8 +48,9 @@ def compressed_labels(
 
     Notes
     -----
-    The inverse map is interpolated trilinearly and the nearest label taken: structures thinner
-    than a voxel may be lost. The projection does not use this array.
+    The inverse map, refined to about `MAP_SPACING_MM`, is interpolated trilinearly and the nearest
+    label taken: structures thinner than a voxel may be lost. The projection does not use this
+    array.
     """
     if voxel_mm is not None and not voxel_mm > 0.0:
         raise InputError(f"voxel_mm: found {voxel_mm}, expected a length above 0 mm")
@@ -56,17 +62,29 @@ def compressed_labels(
     # Centred on the box, so that no more than half a voxel stands out on either side.
     origin = 0.5 * (low + high) - 0.5 * voxel_mm * (np.array([nx, ny, nz]) - 1)
     frame = VoxelFrame(origin, np.full(3, voxel_mm), (nx, ny, nz))
+    map_frame, nodes = _fine_nodes(squeezed, mapped)
     axes = [
         np.clip(
-            mapped.frame.index(frame.position_mm(np.arange(count)[:, None]))[:, axis],
+            map_frame.index(frame.position_mm(np.arange(count)[:, None]))[:, axis],
             0.0,
-            mapped.frame.shape[axis] - 1.0,
+            map_frame.shape[axis] - 1.0,
         )
         for axis, count in enumerate(frame.shape)
     ]
     labels = np.empty(frame.shape, dtype=np.uint8)
-    carry_labels(*axes, mapped.nodes, squeezed.phantom.labels, labels)
+    carry_labels(*axes, nodes, squeezed.phantom.labels, labels)
     return labels, frame
+
+
+def _fine_nodes(
+    squeezed: CompressedBreast, mapped: VoxelMap
+) -> tuple[VoxelFrame, NDArray[np.float32]]:
+    """Nodes of an inverse map of about `MAP_SPACING_MM`: those at hand, or made for it."""
+    per_cell = round(float(max(mapped.frame.spacing_mm)) / MAP_SPACING_MM)
+    if per_cell < 2 or not squeezed.is_compressed:
+        return mapped.frame, mapped.nodes
+    inverse = squeezed.field.inverse_with(per_cell)
+    return inverse.frame, voxels_at(squeezed, inverse)
 
 
 def _tissue_box_mm(mapped: VoxelMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

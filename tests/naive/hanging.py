@@ -1,69 +1,104 @@
 """How a viewer sorts an exam's series into four slots: the rules of OHIF's mammography protocol.
 
-Written down from `extensions/default/src/hangingprotocols/utils/mammoDisplaySetSelector.ts` of
-OHIF Viewers 3: each slot takes, among the series that meet what it requires, the one with the most
-weight, the first of them in the order of the study.
+Written down from OHIF Viewers 3: the rules from `mammoDisplaySetSelector.ts`, what they mean from
+`HPMatcher.js` and `validator.js` (since its constraints take lists). A rule that holds adds its
+weight, or 1 where that is 0 or missing; a slot takes, among the series that meet what it requires,
+the one with the most weight, the first of them in the order of the study.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 CC, MLO = "SCT:399162004", "SCT:399368009"
-Rule = tuple[int, Callable[[dict], bool]]
 
 
-def _view(code: str) -> Callable[[dict], bool]:
-    return lambda series: code in series["view"]
+class Rule(NamedTuple):
+    """One rule of a slot: an attribute, what is asked of it, and what it counts for."""
+
+    attribute: str
+    holds: Callable[[list[str]], bool]
+    weight: int = 1
+    required: bool = False
 
 
-def _says(text: str) -> Callable[[dict], bool]:
-    return lambda series: text in series["description"]
+def contains(*texts: str) -> Callable[[list[str]], bool]:
+    """Any item of the value has any of the texts in it."""
+    return lambda items: any(text in item for item in items for text in texts)
 
 
-def _is(*letters: str) -> Callable[[dict], bool]:
-    return lambda series: list(series["orientation"]) == list(letters)
+def equals(*texts: str) -> Callable[[list[str]], bool]:
+    """The value is these items in this order; one text alone is compared with the first item."""
+    return lambda items: items == list(texts) if len(texts) > 1 else items[0] == texts[0]
 
 
-def _never(rule: Callable[[dict], bool]) -> Callable[[dict], bool]:
-    return lambda series: not rule(series)
+def never(rule: Callable[[list[str]], bool]) -> Callable[[list[str]], bool]:
+    """The opposite of a constraint, as `doesNotContain`."""
+    return lambda items: not rule(items)
 
 
-WEIGHTS: dict[str, list[Rule]] = {
-    "LCC": [(10, _view(CC)), (5, lambda s: "L" in s["orientation"]), (20, _says("L CC"))],
-    "RCC": [(10, _view(CC)), (5, _is("P", "L")), (20, _says("CC"))],
-    "LMLO": [(10, _view(MLO)), (5, _is("A", "R")), (20, _says("L MLO"))],
-    "RMLO": [(10, _view(MLO)), (5, _is("P", "L")), (5, _is("A", "FR")), (20, _says("R MLO"))],
-}
-REQUIRED: dict[str, list[Callable[[dict], bool]]] = {
-    "LCC": [],
-    "RCC": [_never(_is("A", "R"))],
-    "LMLO": [_never(_view(CC))],
+NO_RIGHT_BREAST = Rule("orientation", never(contains("P", "FL")), required=True)
+"""Of the slot RMLO. The rows of a right breast run to posterior (P), so that this refuses every one
+that is stored as DICOM demands: OHIF leaves that slot empty."""
+
+SLOTS: dict[str, list[Rule]] = {
+    "LCC": [
+        Rule("view", contains(CC), 10),
+        Rule("orientation", contains("L"), 5),
+        Rule("description", contains("L CC"), 20),
+    ],
+    "RCC": [
+        Rule("view", contains(CC), 10),
+        Rule("orientation", equals("P", "L"), 5),
+        Rule("orientation", never(equals("A", "R")), required=True),
+        Rule("description", contains("CC"), 20),
+    ],
+    "LMLO": [
+        Rule("view", contains(MLO), 10),
+        Rule("view", never(equals(CC)), required=True),
+        Rule("orientation", equals("A", "R"), 5),
+        Rule("description", contains("L MLO"), 20),
+    ],
     "RMLO": [
-        _never(_view(CC)),
-        _never(lambda s: {"P", "FL"} <= set(s["orientation"]) and s["side"] == "L"),
-        _never(_says("CC")),
-        lambda s: s["description"] != "L MLO",
+        Rule("view", contains(MLO), 10),
+        Rule("view", never(equals(CC)), required=True),
+        NO_RIGHT_BREAST,
+        Rule("orientation", equals("P", "L"), 5),
+        Rule("orientation", equals("A", "FR"), 5),
+        Rule("description", contains("R MLO"), 20),
+        Rule("description", never(contains("CC")), required=True),
+        Rule("description", never(equals("L MLO")), required=True),
     ],
 }
 
 
-def hang(datasets: list) -> dict[str, object]:
-    """The data set that each slot shows."""
+def hang(datasets: list, as_published: bool = False) -> dict[str, object]:
+    """The data set that each slot shows, None where none meets what it requires.
+
+    `NO_RIGHT_BREAST` is left out unless the rules are to be `as_published`.
+    """
     series = [
         {
-            "view": f"{d.ViewCodeSequence[0].CodingSchemeDesignator}:"
-            f"{d.ViewCodeSequence[0].CodeValue}",
-            "orientation": d.PatientOrientation,
-            "description": d.SeriesDescription,
-            "side": d.ImageLaterality,
+            "view": [f"{code.CodingSchemeDesignator}:{code.CodeValue}" for code in
+                     d.ViewCodeSequence],
+            "orientation": list(d.PatientOrientation),
+            "description": [d.SeriesDescription],
             "dataset": d,
         }
         for d in sorted(datasets, key=lambda d: int(d.SeriesNumber))
-    ]
-    shown = {}
-    for slot, rules in WEIGHTS.items():
-        fit = [one for one in series if all(required(one) for required in REQUIRED[slot])]
-        best = max(fit, key=lambda one: sum(weight for weight, rule in rules if rule(one)))
-        shown[slot] = best["dataset"]
+    ]  # fmt: skip
+    shown: dict[str, object] = {}
+    for slot, listed in SLOTS.items():
+        rules = [rule for rule in listed if as_published or rule is not NO_RIGHT_BREAST]
+        fit = [
+            one for one in series
+            if all(rule.holds(one[rule.attribute]) for rule in rules if rule.required)
+        ]  # fmt: skip
+        best = max(fit, key=lambda one: _score(one, rules), default=None)
+        shown[slot] = best and best["dataset"]
     return shown
+
+
+def _score(series: dict, rules: list[Rule]) -> int:
+    return sum(rule.weight for rule in rules if rule.holds(series[rule.attribute]))
