@@ -100,6 +100,14 @@ LIMITS: tuple[Limit, ...] = (
         "assumed: the largest setting of clinical units is near 600 mAs",
     ),
     Limit(
+        "magnified_focal_spot_mm", "focal spot of a magnified view", "mm", -math.inf, 0.15,
+        math.inf,
+        "magnified views are taken with the small focal spot (acquisition.focal_spot_mm: 0.1), "
+        "else its blur grows with the magnification",
+        "IEC 60336: a nominal spot of 0.1 mm measures up to 0.15 mm; larger ones blur what is "
+        "magnified as in practice (Koutalonis et al. 2008, doi 10.1088/0031-9155/53/5/013)",
+    ),
+    Limit(
         "dose_percent_of_limit", "mean glandular dose relative to the guideline's limit for this "
         "thickness", "%", -math.inf, 100.0, math.inf,
         "check acquisition.mas and the beam",

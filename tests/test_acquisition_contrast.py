@@ -9,6 +9,7 @@ from naive.acquisition import body_paths, half_disc
 from mammosim.acquisition import AcquisitionSettings, expose
 from mammosim.acquisition.attenuation import attenuation_per_mm, cross_section_cm2_g
 from mammosim.acquisition.contrast_agent import materials_of, with_iodine
+from mammosim.acquisition.iodine_background import flattened
 from mammosim.acquisition.spectrum import make_beam
 from mammosim.tissues import Material, composition
 
@@ -125,7 +126,7 @@ def test_without_an_agent_there_is_no_pair():
 
 
 def test_what_is_shown_has_no_wide_background_and_keeps_a_lesion(image):
-    """Cells of 2 mm, a window of 10 mm: of 20 mm of mass three fifths stay, of gland nothing."""
+    """A window of 10 mm: of 20 mm of mass three fifths stay, of gland nothing."""
     paths = phantom()
     thinner = np.linspace(1.0, 0.94, SHAPE[0])[:, None]  # 3 mm from end to end
     lengths = {
@@ -143,3 +144,22 @@ def test_what_is_shown_has_no_wide_background_and_keeps_a_lesion(image):
     assert after < 0.25 * before
     flat = image.contrast.iodine.flattened_mg_cm2
     assert 0.5 < inner(flat, LESION) - inner(flat, FAT) < 0.9
+
+
+def test_the_margin_is_flat_up_to_the_skin():
+    """A breast of fat whose margin is round, 0.8 mg/cm2 per mm, and a lesion near the skin."""
+    pixel_mm, thickness_mm, radius_mm = 0.5, 40.0, 80.0
+    rows, columns = np.mgrid[0:400, 0:200] * pixel_mm
+    depth_mm = radius_mm - np.hypot(rows - 100.0, columns)
+    free = np.clip(1.0 - depth_mm / (0.5 * thickness_mm), 0.0, 1.0)  # 1 at the skin: half a circle
+    fat_mm = np.where(depth_mm > 0.0, thickness_mm * np.sqrt(1.0 - free**2), 0.0)
+    lesion = np.hypot(rows - 100.0, columns - 70.0) < 4.0
+    iodine = (0.8 * (fat_mm - thickness_mm) + lesion).astype(np.float32)
+    shown = flattened(iodine, (0.05 * fat_mm).astype(np.float32), pixel_mm, thickness_mm)
+    breast = (depth_mm > 3.0) & ~lesion
+    assert iodine[breast].min() < -10.0
+    # Cells of 1 mm, where a millimetre of depth is 2.6 mg/cm2.
+    assert np.abs(shown[breast]).max() < 0.9
+    assert np.sqrt(np.mean(shown[breast] ** 2)) < 0.15
+    assert shown[lesion].mean() == pytest.approx(1.0, abs=0.15)
+    np.testing.assert_array_equal(shown[depth_mm < -3.0], iodine[depth_mm < -3.0])

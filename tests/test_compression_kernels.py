@@ -64,9 +64,7 @@ def test_inverse_of_a_small_lattice(largest, per_cell):
     displacement = rng.uniform(-largest, largest, (nodes, nodes, nodes, 3))
     shift, shape = np.full(3, -1.0 * per_cell), ((nodes + 2) * per_cell,) * 3
     original, rank = np.full((*shape, 3), np.nan), np.zeros(shape, np.int8)
-    rasterise_inverse(
-        displacement, tissue, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank
-    )
+    rasterise_inverse(displacement, tissue, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank)
     covered = 0
     for index in np.ndindex(*shape):
         point = (np.array(index) + shift) / per_cell

@@ -141,3 +141,21 @@ def test_an_age_follows_from_the_birth_date():
     born = StudyIdentity("1a", "x", PatientSettings(birth_date="1970-01-02"))
     assert born.age_years("20000101") == 29
     assert StudyIdentity("1a", "x", PatientSettings(age_years=61)).age_years("20000101") == 61
+
+
+def test_a_magnified_view_that_keeps_grid_and_large_focal_spot_is_a_warning():
+    """Said before the run, of the view on a stand (1.8 times) and not of the contact view."""
+    stand = {"view": "CC", "name": "mag", "support_to_detector_mm": 285}
+    warnings = make_plan(config(views=["CC", stand])).warnings
+    assert len(warnings) == 2
+    assert "mag: focal spot of a magnified view: found 0.3 mm" in warnings[0]
+    assert "mag: an anti-scatter grid in a magnified view" in warnings[1]
+    usual = {**stand, "grid": False, "focal_spot_mm": 0.1}
+    assert make_plan(config(views=["CC", usual])).warnings == ()
+
+
+def test_iodine_behind_springs_is_a_warning():
+    agent = {"acquisition": {"contrast": {}}, "views": ["CC"]}
+    (warning,) = make_plan(config(**agent)).warnings
+    assert "CC: acquisition.contrast: springs do not keep tissue's volume" in warning
+    assert make_plan(config(**agent, compression={"model": "hyperelastic"})).warnings == ()

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from mammosim.acquisition._kernels import add_scatter_kernel, log_attenuation_kernel
 from mammosim.acquisition.attenuation import attenuation_per_mm, cross_section_cm2_g
@@ -14,6 +13,7 @@ from mammosim.acquisition.blocks import block_mean
 from mammosim.acquisition.contrast_agent import MG_PER_G
 from mammosim.acquisition.exposure import MAX_CONTROLLED_MAS
 from mammosim.acquisition.grid_parts import scatter_behind_grid
+from mammosim.acquisition.iodine_background import flattened
 from mammosim.acquisition.mammogram import IodineImage
 from mammosim.acquisition.recording import Arrival, Exposure
 from mammosim.acquisition.settings import AcquisitionSettings, ContrastSettings
@@ -27,12 +27,6 @@ both together in 348 examinations (Gennaro et al. 2022, Cancers 14:1774); the mi
 GLAND_SHARES = (0.0, 0.5)
 """Glandular fractions at which a breast without iodine is made equally bright: few are denser
 (Yaffe et al. 2009, Med Phys 36:5437: 95 per cent of breasts below 45 per cent)."""
-
-BACKGROUND_SIGMA_MM = 10.0
-"""Standard deviation of the window whose mean is taken for background. A lesion of 10 mm loses an
-eighth of its brightness by it, one of 20 mm two fifths. Chosen."""
-
-MIN_WEIGHT = 1e-3
 
 IODINE = Material("iodine", 4.93, {"I": 1.0}, "element")
 
@@ -114,29 +108,8 @@ def recombine(
     middle = block_mean(iodine, high.coarse.cell)[inside]
     iodine -= np.float32(np.median(middle) if middle.size else 0.0)
     iodine /= np.float32(sensitivity)
-    return IodineImage(iodine, _flattened(iodine, high), weight, sensitivity)
-
-
-def _flattened(iodine: NDArray[np.float32], arrival: Arrival) -> NDArray[np.float32]:
-    """The image without its mean over `BACKGROUND_SIGMA_MM` inside the breast.
-
-    A millimetre of fat more or less is as bright as 0.8 mg/cm2, and no unit knows the thickness so
-    well everywhere; what is wider than a lesion is taken for a difference of thickness.
-    """
-    coarse = arrival.coarse
-    level = block_mean(iodine, coarse.cell)
-    sigma = BACKGROUND_SIGMA_MM / coarse.cell_mm
-    weight = ndimage.gaussian_filter(coarse.inside.astype(np.float64), sigma, mode="nearest")
-    total = ndimage.gaussian_filter(np.where(coarse.inside, level, 0.0), sigma, mode="nearest")
-    background = np.divide(total, weight, out=np.zeros_like(total), where=weight > MIN_WEIGHT)
-    places = [(np.arange(size) + 0.5) / coarse.cell - 0.5 for size in iodine.shape]
-    wide = np.zeros((iodine.shape[0], background.shape[1]), np.float32)
-    for column in range(background.shape[1]):
-        wide[:, column] = np.interp(places[0], np.arange(len(background)), background[:, column])
-    flat = np.empty_like(iodine)
-    for row, line in enumerate(wide):
-        flat[row] = iodine[row] - np.interp(places[1], np.arange(line.size), line)
-    return flat
+    shown = flattened(iodine, low_attenuation, low.paths.pixel_mm, low.paths.thickness_mm)
+    return IodineImage(iodine, shown, weight, sensitivity)
 
 
 def _weights(low: Arrival, high: Arrival) -> tuple[float, float]:

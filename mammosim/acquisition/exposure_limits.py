@@ -11,10 +11,18 @@ from mammosim.acquisition.dose import dose_limit_mgy
 from mammosim.acquisition.exposure import MAX_CONTROLLED_MAS
 from mammosim.acquisition.mammogram import Mammogram
 from mammosim.acquisition.recording import Arrival
+from mammosim.geometry import MAGNIFIED
 from mammosim.plausibility import doubts
 
 WHITE = 16383
 """Largest pixel value, of 14 bits."""
+
+_GRID_ON_A_STAND = (
+    "an anti-scatter grid in a magnified view: these are taken without one (acquisition.grid: "
+    "false), since the gap below the stand keeps scatter from the detector already"
+)
+"""Practice with a magnification stand: no grid, focal spot of 0.1 mm (Bushberg et al., The
+Essential Physics of Medical Imaging, chapter on mammography)."""
 
 
 def with_warnings(
@@ -50,9 +58,27 @@ def with_warnings(
             f"{MAX_CONTROLLED_MAS:g} mAs: the detector gets "
             f"{100.0 * MAX_CONTROLLED_MAS / wanted_mas:.3g} % of the signal it is set to"
         ))  # fmt: skip
+    found += magnified_doubts(image.gantry.magnification, image.focal_spot_mm, image.grid)
     breast = arrival.paths.breast
     view = f"{breast.view.folder}: " if breast is not None else ""
     return replace(image, notes=(*image.notes, *(f"{view}{text}" for text in found)))
+
+
+def magnified_doubts(magnification: float, focal_spot_mm: float, grid: bool) -> list[str]:
+    """What no unit does in a magnified view, one sentence each; none for a contact view.
+
+    Parameters
+    ----------
+    magnification : float
+        At the breast support.
+    focal_spot_mm : float
+    grid : bool
+        Whether an anti-scatter grid is in.
+    """
+    if magnification < MAGNIFIED:
+        return []
+    found = [str(doubt) for doubt in doubts({"magnified_focal_spot_mm": focal_spot_mm})]
+    return [*found, _GRID_ON_A_STAND] if grid else found
 
 
 def _of_picture(counts: NDArray[np.uint16], arrival: Arrival) -> dict[str, float]:

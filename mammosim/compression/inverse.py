@@ -66,17 +66,15 @@ def invert(
     shape = (nx, ny, nz)
     original = np.full((*shape, 3), np.nan)
     rank = np.zeros(shape, np.int8)
-    rasterise_inverse(
-        displacement, tissue, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank
-    )
+    rasterise_inverse(displacement, tissue, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank)
     covered = rank > 0
     layers = per_cell * RIM_LAYERS
     rim = continued(covered[None].astype(np.float32), covered, layers)[0] > 0.0
-    back = np.zeros((3, *shape))
+    shift_back = np.zeros((3, *shape))
     for axis, grid in enumerate(_grid(shape, shift, per_cell)):
-        back[axis] = np.where(covered, original[..., axis] - grid, 0.0)
+        shift_back[axis] = np.where(covered, original[..., axis] - grid, 0.0)
     del original  # which is large
-    back = continued(back, covered, layers)
+    back = continued(shift_back, covered, layers)
     original_mm = np.empty((*shape, 3), np.float32)
     for axis, grid in enumerate(_grid(shape, shift, per_cell)):
         place = np.where(rim, grid + back[axis], np.nan)

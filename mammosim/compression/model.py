@@ -23,6 +23,8 @@ class MechanicalModel:
     quantities : callable
         ``quantities(compressed, settings)``: numbers to hold against the limits of
         `mammosim.plausibility`, by the names there.
+    keeps_volume : bool
+        Whether tissue keeps its volume, so that the breast is evenly thick between the plates.
     cautions : callable
         ``cautions(settings)``: sentences on what makes a result of these settings doubtful, which
         are known before anything is computed.
@@ -52,6 +54,7 @@ class MechanicalModel:
     method: Callable[[Any], str]
     where_it_stopped: Callable[[Any, Any], str]
     quantities: Callable[[Any, Any], Mapping[str, float]] = lambda compressed, settings: {}
+    keeps_volume: bool = True
     cautions: Callable[[Any], tuple[str, ...]] = lambda settings: ()
     foreseen: Callable[[Any, Any], Mapping[str, float]] = lambda coarse, settings: {}
     own_keys: tuple[str, ...] = ()

@@ -241,6 +241,7 @@ SPRINGS = MechanicalModel(
     quantities=_quantities,
     cautions=_cautions,
     foreseen=_foreseen,
+    keeps_volume=False,
     own_keys=("spring_law", "gravity", "chest_wall_mm", "plates_voxel"),
     chest_walls=("fixed",),
     bytes_per_node=BYTES_PER_NODE,

@@ -24,7 +24,6 @@ from mammosim.export.atomic import whole_file
 from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
 from mammosim.export.orientation import (
     VIEW_CODES,
-    magnification,
     patient_orientation,
     positioner_angle_deg,
     view_modifiers,
@@ -299,7 +298,7 @@ def positioning(mammogram: Mammogram) -> dict[str, Any]:
         "PositionerPrimaryAngleDirection": "CC",
         "DistanceSourceToDetector": decimal_string(gantry.source_to_detector_mm),
         "DistanceSourceToPatient": decimal_string(to_support),
-        "EstimatedRadiographicMagnificationFactor": decimal_string(magnification(gantry)),
+        "EstimatedRadiographicMagnificationFactor": decimal_string(gantry.magnification),
         "PixelSpacing": [spacing, spacing],
         "PixelSpacingCalibrationType": "GEOMETRY",
         "PixelSpacingCalibrationDescription": "At the surface of the breast support",

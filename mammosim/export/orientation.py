@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mammosim.geometry import Gantry, View
+from mammosim.geometry import MAGNIFIED, Gantry, View
 
 # Codes of PS3.16 CID 4014 "View for Mammography": value and meaning in SNOMED CT.
 VIEW_CODES: dict[str, tuple[str, str]] = {
@@ -19,10 +19,6 @@ VIEW_CODES: dict[str, tuple[str, str]] = {
 _MAGNIFICATION = ("399163009", "Magnification")
 _SPOT_COMPRESSION = ("399055006", "Spot Compression")
 
-MAGNIFIED = 1.3
-"""Magnification from which a view is a magnified one: contact views have 1.02 to 1.1, stands of
-clinical units 1.5 to 2. Between them, assumed."""
-
 # Letters of Patient Orientation (PS3.3 C.7.6.1.1.1) of the breast frame's axes, + and -. Equally
 # strong directions are named in this order: a mediolateral oblique at 45 degrees reads FR.
 _LETTERS = ((2, "H", "F"), (0, "A", "P"), (1, "L", "R"))
@@ -34,15 +30,9 @@ def view_modifiers(gantry: Gantry) -> list[tuple[str, str]]:
     """Codes and meanings of how a view differs from the usual one."""
     found = [
         (_SPOT_COMPRESSION, gantry.view.spot),
-        (_MAGNIFICATION, magnification(gantry) >= MAGNIFIED),
+        (_MAGNIFICATION, gantry.magnification >= MAGNIFIED),
     ]
     return [code for code, holds in found if holds]
-
-
-def magnification(gantry: Gantry) -> float:
-    """How many times larger an object on the breast support appears on the detector."""
-    to_support = gantry.source_to_detector_mm - gantry.support_to_detector_mm
-    return gantry.source_to_detector_mm / to_support
 
 
 def patient_orientation(view: View) -> list[str]:

@@ -18,6 +18,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from mammosim.geometry.views import View
 
+MAGNIFIED = 1.3
+"""Magnification from which a view is a magnified one: contact views have 1.02 to 1.1, stands of
+clinical units 1.5 to 2. Between them, assumed."""
+
+
+def magnification(source_to_detector_mm: float, support_to_detector_mm: float) -> float:
+    """How many times larger an object on the breast support appears on the detector.
+
+    Infinite where the focal spot is not above the support.
+
+    Examples
+    --------
+    >>> round(magnification(650.0, 285.0), 2)
+    1.78
+    """
+    above_mm = source_to_detector_mm - support_to_detector_mm
+    return source_to_detector_mm / above_mm if above_mm > 0.0 else math.inf
+
 
 @dataclass(frozen=True)
 class Gantry:
@@ -72,6 +90,11 @@ class Gantry:
     def x_max_mm(self) -> float:
         """Gantry x of the detector's edge away from the chest wall, mm."""
         return self.columns * self.pixel_mm
+
+    @property
+    def magnification(self) -> float:
+        """How many times larger an object on the breast support appears on the detector."""
+        return magnification(self.source_to_detector_mm, self.support_to_detector_mm)
 
     @property
     def focal_spot_mm(self) -> NDArray[np.float64]:

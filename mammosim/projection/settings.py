@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
 from mammosim.config import MAX_LENGTH_MM, Coordinate, Settings
+from mammosim.geometry import magnification
 from mammosim.projection.systems import SYSTEMS
 
 
@@ -57,6 +58,11 @@ class ProjectionSettings(Settings):
     smooth_voxels: bool = True
     """Whether the steps of voxels larger than a pixel are smoothed in what attenuates (not where
     conserve_mass is false); path lengths and lesion masks stay exact."""
+
+    @property
+    def magnification(self) -> float:
+        """How many times larger an object on the breast support appears on the detector."""
+        return magnification(self.source_to_detector_mm, self.support_to_detector_mm)
 
 
 class TomosynthesisSettings(Settings):

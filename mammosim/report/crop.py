@@ -48,7 +48,8 @@ def common_crops(mammograms: Sequence[Mammogram], marks: Sequence[Sequence[Marke
         A picture without breast is not cropped.
     """
     spans = [_breast_mm(*pair) for pair in zip(mammograms, marks, strict=True)]
-    scales = [_magnification(mammogram) for mammogram in mammograms]
+    # To a tenth: contact views count as alike.
+    scales = [round(mammogram.gantry.magnification, 1) for mammogram in mammograms]
     crops = []
     for mammogram, (top, bottom, _), scale in zip(mammograms, spans, scales, strict=True):
         alike = [span for span, other in zip(spans, scales, strict=True) if other == scale]
@@ -56,13 +57,6 @@ def common_crops(mammograms: Sequence[Mammogram], marks: Sequence[Sequence[Marke
         depth_mm = max(depth for *_, depth in alike) + _MARGIN_MM
         crops.append(_crop(mammogram, (top + bottom) / 2.0, height_mm, depth_mm))
     return crops
-
-
-def _magnification(mammogram: Mammogram) -> float:
-    """Of the breast support on the detector, to a tenth: contact views count as alike."""
-    gantry = mammogram.gantry
-    above_mm = gantry.source_to_detector_mm - gantry.support_to_detector_mm
-    return round(gantry.source_to_detector_mm / above_mm, 1)
 
 
 def _breast_mm(mammogram: Mammogram, marks: Sequence[Marker]) -> tuple[float, float, float]:

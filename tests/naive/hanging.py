@@ -40,7 +40,7 @@ def never(rule: Callable[[list[str]], bool]) -> Callable[[list[str]], bool]:
 
 NO_RIGHT_BREAST = Rule("orientation", never(contains("P", "FL")), required=True)
 """Of the slot RMLO. The rows of a right breast run to posterior (P), so that this refuses every one
-that is stored as DICOM demands: OHIF leaves that slot empty."""
+that is stored as DICOM demands: OHIF shows another left view there, or none."""
 
 SLOTS: dict[str, list[Rule]] = {
     "LCC": [

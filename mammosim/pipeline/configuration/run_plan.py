@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mammosim.acquisition import magnified_doubts
 from mammosim.compression import MODELS, CompressionSettings
 from mammosim.errors import InputError
 from mammosim.phantom import PhantomSettings, address_bytes, expected_voxels
@@ -54,6 +55,11 @@ COMPILER_BYTES = 8e8
 MAPPED_BYTES = 5e8
 """Of the address space mapped by libraries and threads but not used: with 1.3 GB estimated, a run
 needs a limit (``ulimit -v``) between 1.2 and 1.5 GB."""
+
+UNEVEN_IODINE = (
+    "acquisition.contrast: springs do not keep tissue's volume, and the unevenness that they leave "
+    "is as bright in the image of iodine as a lesion; compression.model: hyperelastic keeps it"
+)
 
 START_S = 5.0
 """Until the first stage begins, s."""
@@ -218,7 +224,15 @@ def _warnings(config: RunConfig) -> list[str]:
             "tube_load_mas": view.acquisition.mas,
         }
         known = {name: value for name, value in given.items() if value is not None}
-        found += [f"{view.label}: {doubt}" for doubt in doubts(known)]
+        texts = [str(doubt) for doubt in doubts(known)]
+        if view.tomosynthesis is None:  # whose tube turns about a breast on the detector
+            settings = view.acquisition
+            texts += magnified_doubts(
+                view.projection.magnification, settings.focal_spot_mm, settings.grid
+            )
+        if view.acquisition.contrast is not None and not MODELS[compression.model].keeps_volume:
+            texts.append(UNEVEN_IODINE)
+        found += [f"{view.label}: {text}" for text in texts]
     return found
 
 
