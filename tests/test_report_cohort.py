@@ -6,6 +6,7 @@ import base64
 import io
 import re
 
+import matplotlib.axes
 import numpy as np
 import pytest
 from PIL import Image
@@ -66,7 +67,7 @@ def test_the_page_links_the_pictures_and_keeps_the_order_of_a_choice(cohort, mon
     }  # fmt: skip
     drawn = {"density": ["fatty", "scattered", "dense"]}
     page = render_cohort("mine", table, drawn, [], contact_sheet(folder, patients))
-    assert re.findall(r'href="([^"]+)"', page) == ["patients/000000/report.html"]
+    assert re.findall(r'<a href="([^"]+)"', page) == ["patients/000000/report.html"]
     assert page.count("data:image/jpeg") == 3
     assert "<figcaption>patient 4</figcaption>" in page
     assert drawn_bars == [["fatty", "scattered", "dense"]]
@@ -78,7 +79,10 @@ def test_the_page_counts_the_same_view_of_both_breasts_as_two_pictures():
         "kind": ["mass", "nipple", "nipple"],
         **{column: [None] * 3 for column, _, _ in (*A_VIEW, *A_LESION)},
     }  # fmt: skip
-    assert "1 patients, 2 pictures, 1 lesions" in render_cohort("mine", table, {}, [])
+    assert (
+        "1 patient, 2 pictures, 1 lesion seen in a view each, 0 patients failed"
+        in render_cohort("mine", table, {}, [])
+    )
 
 
 def test_the_page_counts_patients_by_limit_and_lists_their_warnings():
@@ -90,8 +94,38 @@ def test_the_page_counts_patients_by_limit_and_lists_their_warnings():
     loads = [f"LCC: {doubt}" for doubt in doubts({"tube_load_mas": 900.0})]
     warnings = {0: [*loads, "laterality: a <guess>"], 4: [*loads, *loads]}
     page = render_cohort("mine", table, {}, [], warnings=warnings)
-    assert "<tr><td>tube load<td>2</tr>" in page
-    assert "<tr><td>other<td>1</tr>" in page
+    assert '<tr><td>tube load</td><td class="n">2</td></tr>' in page
+    assert '<tr><td>other</td><td class="n">1</td></tr>' in page
     assert 'class="text">laterality: a &lt;guess&gt;' in page
     assert page.count("LCC: tube load: found 900 mAs") == 3
     assert "Warnings" not in render_cohort("mine", table, {}, [])
+
+
+def test_the_page_speaks_in_words_shows_ranges_and_leads_to_every_patient(monkeypatch):
+    shaded, limits = [], []
+    monkeypatch.setattr(
+        "matplotlib.axes.Axes.axvspan", lambda self, *range, **_: shaded.append(range)
+    )
+    plot = matplotlib.axes.Axes.plot
+    monkeypatch.setattr(
+        "matplotlib.axes.Axes.plot",
+        lambda self, *points, **keys: limits.append(points) or plot(self, *points, **keys),
+    )
+    table = {
+        "patient": [0, 4], "laterality": ["R", "L"], "view": ["CC", "CC"],
+        "kind": ["mass", "mass"], "phantom.lesions.0.diameter_mm": [8.0, 9.0],
+        **{column: [None, None] for column, _, _ in A_LESION},
+        **{column: [30.0, 60.0] for column, _, _ in A_VIEW},
+    }  # fmt: skip
+    links = {index: f"patients/{index:06d}/report.html" for index in (0, 4)}
+    drawn = {"phantom.lesions.0.diameter_mm": []}
+    page = render_cohort("mine", table, drawn, [(4, "a <reason>")], links=links)
+    assert "Lesion 1: diameter, mm" in page
+    assert "phantom.lesions" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
+    assert shaded == [(49.0, 186.0), (0.0, 45.0)]
+    across, accepted = limits[0]
+    assert np.interp(53.0, across, accepted) == pytest.approx(2.5, abs=0.02)
+    assert page.count('<a href="patients/000004/report.html">4</a>') == 2  # among all, and failed
+    assert "a &lt;reason&gt;" in page
+    assert "1 patient failed" in page
+    assert 'name="color-scheme" content="light dark"' in page

@@ -99,7 +99,13 @@ def write_tables(
     }
     table = pa.parquet.read_table(folder / PARQUET).to_pydict()
     sheet = contact_sheet(folder, finished)
-    write_text(folder / SUMMARY, render_cohort(cohort.title, table, drawn, reasons, sheet, warned))
+    links = {
+        index: (path / "report.html").relative_to(folder).as_posix()
+        for index, path in finished
+        if (path / "report.html").is_file()
+    }
+    page = render_cohort(cohort.title, table, drawn, reasons, sheet, warned, links)
+    write_text(folder / SUMMARY, page)
 
 
 def _write_csv(path: Path, heading: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-import jinja2
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
+from mammosim.acquisition import dose_limit_mgy
 from mammosim.plausibility import patients_beyond
 from mammosim.report.contact_sheet import Thumbnails
+from mammosim.report.figures import drawing_svg
+from mammosim.report.quantities import key_in_words
+from mammosim.report.realism import PUBLISHED
+from mammosim.report.templates import template
 
 A_VIEW = (
     ("thickness_mm", "Compressed thickness", "mm"),
@@ -38,55 +41,7 @@ MOST_LISTED = 200
 """Warnings, and failures, that the page lists; their files have all."""
 
 _NO_LESION = ("nipple", "landmark")
-
-_PAGE = jinja2.Template(
-    """<!doctype html><html lang="en"><meta charset="utf-8">
-<meta name="viewport" content="width=device-width"><title>{{ title|e }}</title>
-<style>
-body{font:16px/1.5 system-ui,sans-serif;color:#1b1f24}
-body{max-width:72rem;margin:2rem auto;padding:0 1rem}
-h1,h2{font-weight:600;line-height:1.2} h2{margin-top:2.5rem}
-table{border-collapse:collapse;font-variant-numeric:tabular-nums}
-th,td{padding:.2rem .8rem .2rem 0;text-align:right;border-bottom:1px solid #d8dee4}
-th:first-child,td:first-child,td.text{text-align:left}
-.sheet{display:flex;flex-wrap:wrap;gap:.8rem;padding:.8rem;background:#0b0d10}
-.sheet figure{margin:0} .sheet img{width:auto;height:200px;display:inline-block}
-.sheet figcaption,.sheet a{color:#c9d1d9;font-size:.8rem}
-.plots{display:grid;grid-template-columns:repeat(auto-fill,minmax(20rem,1fr));gap:1rem}
-img{width:100%} p.quiet{color:#57606a}
-</style>
-<h1>{{ title|e }}</h1>
-<p>{{ patients }} patients, {{ pictures }} pictures, {{ lesions }} lesions seen in a view each;
-{{ failures|length }} patients failed.</p>
-{% if sheet %}<h2>The first pictures</h2>
-<div class="sheet">{% for shown in sheet %}<figure>{% for name, uri in shown.pictures %}
-<img alt="patient {{ shown.patient }}, {{ name|e }}" src="{{ uri }}">{% endfor %}
-<figcaption>{% if shown.link %}<a href="{{ shown.link|e }}">patient {{ shown.patient }}</a>
-{%- else %}patient {{ shown.patient }}{% endif %}</figcaption></figure>{% endfor %}</div>{% endif %}
-{% for heading, plots in groups if plots %}<h2>{{ heading }}</h2>
-<div class="plots">{% for plot in plots %}
-<img alt="{{ plot.alt|e }}" src="data:image/png;base64,{{ plot.png }}">
-{% endfor %}</div>{% endfor %}
-<h2>In numbers</h2>
-<table><tr><th>quantity<th>number<th>mean<th>standard deviation
-<th>smallest<th>median<th>largest</tr>
-{% for row in rows %}<tr>{% for cell in row %}<td>{{ cell|e }}{% endfor %}</tr>
-{% endfor %}</table>
-{% if warnings %}<h2>Warnings</h2><table><tr><th>plausibility limit<th>patients</tr>
-{% for name, count in warned.items() %}<tr><td>{{ name|e }}<td>{{ count }}</tr>
-{% endfor %}</table>
-<table><tr><th>patient<th style="text-align:left">warning</tr>
-{% for index, text in warnings[:most] %}<tr><td>{{ index }}<td class="text">{{ text|e }}</tr>
-{% endfor %}</table>{% if warnings|length > most %}<p class="quiet">The first {{ most }} of
-{{ warnings|length }}; warnings.csv has all.</p>{% endif %}{% endif %}
-{% if failures %}<h2>Failures</h2><table><tr><th>patient<th style="text-align:left">reason</tr>
-{% for index, reason in failures[:most] %}<tr><td>{{ index }}<td class="text">{{ reason|e }}</tr>
-{% endfor %}</table>{% if failures|length > most %}<p class="quiet">The first {{ most }} of
-{{ failures|length }}; failures.csv has all.</p>{% endif %}{% endif %}
-<p class="quiet">Simulated. Every number is in table.parquet and table.csv.</p></html>
-""",
-    autoescape=False,
-)
+_BARS, _RANGE = "#3b82c4", "#4f9a5b"  # legible on white and on near-black
 
 
 def render_cohort(
@@ -96,6 +51,7 @@ def render_cohort(
     failures: Sequence[tuple[int, str]],
     sheet: Sequence[Thumbnails] = (),
     warnings: Mapping[int, Sequence[str]] = MappingProxyType({}),
+    links: Mapping[int, str] = MappingProxyType({}),
 ) -> str:
     """Make the page, self-contained.
 
@@ -113,6 +69,8 @@ def render_cohort(
         Pictures to show.
     warnings : mapping of int to sequence of str
         Warnings of each patient that is there.
+    links : mapping of int to str
+        Path of each patient's report from the cohort's folder, where there is one.
 
     Returns
     -------
@@ -128,8 +86,8 @@ def render_cohort(
     ]
     first_of_view = np.unique(pictures, return_index=True)[1]
     rows: list[list[str]] = []
-    groups = [
-        ("What was drawn", [(name, name, "") for name in drawn], first_of_patient, "patients"),
+    groups: list[tuple[str, Sequence[tuple[str, str, str]], NDArray[np.intp], str]] = [
+        ("Sampled inputs", _in_words(drawn), first_of_patient, "patients"),
         ("Views", A_VIEW, first_of_view, "pictures"),
         ("Lesions", A_LESION, np.flatnonzero(lesion), "lesions in a view"),
     ]
@@ -141,16 +99,39 @@ def render_cohort(
             if not values:
                 continue
             label = f"{name}, {unit}" if unit else name
-            plots.append(_plot(values, label, what, drawn.get(column, ())))
+            plots.append(_plot(column, values, label, what, drawn.get(column, ())))
             if _are_numbers(values):
                 rows.append([label, *_statistics(np.array(values, float))])
+        if heading == "Views":
+            plots += _dose_against_thickness(table, first_of_view)
         shown.append((heading, plots))
-    return _PAGE.render(
-        title=title, patients=first_of_patient.size, pictures=first_of_view.size,
-        lesions=int(lesion.sum()), groups=shown, rows=rows, failures=failures, most=MOST_LISTED,
-        sheet=sheet, warned=patients_beyond(warnings),
+    return template("cohort.html").render(
+        title=title,
+        counts=[
+            _counted(first_of_patient.size, "patient"),
+            _counted(first_of_view.size, "picture"),
+            f"{_counted(int(lesion.sum()), 'lesion')} seen in a view each",
+            f"{_counted(len(failures), 'patient')} failed",
+        ],
+        groups=shown, rows=rows, failures=failures, most=MOST_LISTED, links=links, sheet=sheet,
+        warned=patients_beyond(warnings),
         warnings=[(index, text) for index, found in warnings.items() for text in found],
     )  # fmt: skip
+
+
+def _counted(number: int, thing: str) -> str:
+    """As `1 patient`, `2 patients`."""
+    return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
+def _in_words(columns: Iterable[str]) -> list[tuple[str, str, str]]:
+    """Column, heading and no unit of drawn keys; two that read alike also say the key."""
+    named = {column: key_in_words(column) for column in columns}
+    alike = Counter(named.values())
+    return [
+        (column, f"{name} ({column})" if alike[name] > 1 else name, "")
+        for column, name in named.items()
+    ]
 
 
 def _are_numbers(values: Sequence[Any]) -> bool:
@@ -163,28 +144,59 @@ def _statistics(values: NDArray[np.float64]) -> list[str]:
     return [str(values.size), *(f"{number:.4g}" for number in numbers)]
 
 
-def _plot(values: Sequence[Any], label: str, what: str, order: Sequence[Any]) -> dict[str, str]:
+def _plot(
+    column: str, values: Sequence[Any], label: str, what: str, order: Sequence[Any]
+) -> dict[str, Any]:
     """A histogram of numbers, or bars of what is no number, in the order of its list."""
-    import matplotlib as mpl  # a second of start-up that single runs need not wait for
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator
+    low, high, source = PUBLISHED.get(column, (math.nan, math.nan, ""))
 
-    figure = Figure(figsize=(4.2, 2.6), layout="constrained")
-    axes = figure.subplots()
-    if _are_numbers(values):
-        axes.hist(np.array(values, float), bins=min(40, max(5, round(len(values) ** 0.5))),
-                  color="#3b6ea5")  # fmt: skip
-    else:
-        counts = Counter(str(value)[:24] for value in values)
-        names = list(dict.fromkeys(str(value)[:24] for value in (*order, *sorted(counts))))
-        axes.bar(names, [counts[name] for name in names], color="#3b6ea5")
-        if len(names) > 3:
-            axes.tick_params(axis="x", labelrotation=30)
-    axes.set_xlabel(label)
-    axes.set_ylabel(what)
-    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.spines[["top", "right"]].set_visible(False)
-    stream = io.BytesIO()
-    with mpl.rc_context({"font.size": 9}):
-        figure.savefig(stream, format="png", dpi=140)
-    return {"alt": f"{what} by {label}", "png": base64.b64encode(stream.getvalue()).decode()}
+    def draw(axes: Any) -> None:
+        from matplotlib.ticker import MaxNLocator
+
+        if source:
+            axes.axvspan(low, high, color=_RANGE, alpha=0.18, linewidth=0)
+        if _are_numbers(values):
+            axes.hist(np.array(values, float), bins=min(40, max(5, round(len(values) ** 0.5))),
+                      color=_BARS)  # fmt: skip
+        else:
+            counts = Counter(str(value)[:24] for value in values)
+            names = list(dict.fromkeys(str(value)[:24] for value in (*order, *sorted(counts))))
+            axes.bar(names, [counts[name] for name in names], color=_BARS)
+            if len(names) > 3:
+                axes.tick_params(axis="x", labelrotation=30)
+        axes.set_xlabel(label)
+        axes.set_ylabel(what)
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+
+    published = f"Shaded: published range ({source})" if source else ""
+    return _drawn(draw, f"{what} by {label}", column, published)
+
+
+def _dose_against_thickness(
+    table: Mapping[str, Sequence[Any]], some: NDArray[np.intp]
+) -> list[dict[str, Any]]:
+    """Dose of each picture over its thickness, and what is accepted there."""
+    pairs = [(table["thickness_mm"][place], table["dose_mgy"][place]) for place in some]
+    known = [pair for pair in pairs if None not in pair]
+    if not known:
+        return []
+    thickness, dose = np.array(known, float).T
+
+    def draw(axes: Any) -> None:
+        across = np.linspace(min(20.0, thickness.min()), max(90.0, thickness.max()), 100)
+        limits = [dose_limit_mgy(float(one)) for one in across]
+        axes.plot(across, limits, color=_RANGE, label="acceptable level")
+        axes.plot(thickness, dose, "o", markersize=3.5, color=_BARS, label="picture")
+        axes.set_xlabel("Compressed thickness, mm")
+        axes.set_ylabel("Mean glandular dose, mGy")
+        axes.set_ylim(bottom=0.0)
+        axes.legend(frameon=False, fontsize=8)
+
+    source = "Line: acceptable level of the European guidelines, 4th edition"
+    return [_drawn(draw, "Mean glandular dose against compressed thickness", "dose", source)]
+
+
+def _drawn(draw: Callable[[Any], None], alt: str, name: str, note: str) -> dict[str, Any]:
+    """A drawing for the page. Matplotlib escapes the text in it itself."""
+    plain = "".join(letter if letter.isalnum() else "-" for letter in name)
+    return {"alt": alt, "svg": Markup(drawing_svg(draw, f"plot-{plain}", (4.2, 2.6))), "note": note}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -78,7 +79,27 @@ def convergence_svg(history: NDArray[np.void], name: str) -> str:
     """
     if not _lines_to_draw(history):
         return ""
-    import matplotlib as mpl
+
+    def draw(axes: Any) -> None:
+        draw_convergence(axes, history)
+        axes.grid(axis="y", color=_INK, alpha=0.12)
+
+    return drawing_svg(draw, name, (4.6, 2.7))
+
+
+def drawing_svg(draw: Callable[[Any], None], name: str, inches: tuple[float, float]) -> str:
+    """A drawing by matplotlib as SVG text for a page, light or dark.
+
+    Parameters
+    ----------
+    draw : callable
+        Draws into the axes that it is given.
+    name : str
+        Keeps the drawing's internal names apart from others on the page.
+    inches : (float, float)
+        Width and height.
+    """
+    import matplotlib as mpl  # a second of start-up
     from matplotlib.figure import Figure
 
     style = {
@@ -87,10 +108,8 @@ def convergence_svg(history: NDArray[np.void], name: str) -> str:
         "ytick.color": _INK, "axes.spines.top": False, "axes.spines.right": False,
     }  # fmt: skip
     with mpl.rc_context(style):
-        figure = Figure(figsize=(4.6, 2.7), layout="constrained")
-        axes = figure.subplots()
-        draw_convergence(axes, history)
-        axes.grid(axis="y", color=_INK, alpha=0.12)
+        figure = Figure(figsize=inches, layout="constrained")
+        draw(figure.subplots())
         stream = io.StringIO()
         figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
     text = stream.getvalue()

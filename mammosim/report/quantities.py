@@ -16,6 +16,10 @@ _UNITS = {
 _SCALE = {"mm2": 1e-2, "mm3": 1e-3}
 
 _NAMES = {
+    "kvp": "Tube voltage, kV",
+    "mas": "Tube load, mAs",
+    "density": "Density class",
+    "laterality": "Side",
     "force_n": "Force on the paddle",
     "support_force_n": "Force on the support",
     "front_force_n": "Force on the paddle, > 20 mm from its edge",
@@ -41,6 +45,31 @@ _WHOLE = {
     "dose_factor_s": "Dose factor s",
     "counts_per_kev": "Counts per keV/mm²",
 }
+
+
+def key_in_words(path: str) -> str:
+    """A configuration's key, as `phantom.lesions.0.diameter_mm`, in words with its unit.
+
+    Examples
+    --------
+    >>> key_in_words("phantom.lesions.0.diameter_mm"), key_in_words("phantom.generate.volume_ml")
+    ('Lesion 1: diameter, mm', 'Volume, mL')
+    >>> key_in_words("acquisition.kvp")
+    'Tube voltage, kV'
+    """
+    *above, key = path.split(".")
+    stem, _, ending = key.rpartition("_")
+    unit = _UNITS[ending] if stem and ending in _UNITS and ending not in _SCALE else ""
+    words = _NAMES.get(key) or _capital((stem if unit else key).replace("_", " "))
+    if above and above[-1].isdigit():
+        thing = above[-2].removesuffix("s") if len(above) > 1 else ""
+        words = f"{_capital(thing)} {int(above[-1]) + 1}: {words[:1].lower()}{words[1:]}"
+    return f"{words}, {unit}" if unit else words
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
 
 NOT_KNOWN = "–"
 """Printed where a value is missing."""

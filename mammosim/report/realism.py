@@ -28,6 +28,18 @@ _THICKNESS_SPREAD = 0.09
 _NOISE_PERCENT, _NOISE_PIXEL_MM = (0.8, 3.4), 0.07
 
 
+PUBLISHED = {
+    "volumetric_density_percent": (
+        0.0, 45.0,
+        "Yaffe et al. 2009 (Med Phys 36:5437): 19 % on average, 95 % of women below 45 %",
+    ),
+    "force_n": (
+        49.0, 186.0, "Sullivan et al. 1991 (Radiology 181:355): all of 560 women, median 122.5 N",
+    ),
+}  # fmt: skip
+"""Lowest and highest value and source of what has one range for all breasts."""
+
+
 @dataclass(frozen=True)
 class Finding:
     """One number of one view beside its published range.
@@ -141,8 +153,7 @@ def _texture(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
 def _density(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
     value = mammogram.measures.get("volumetric_density_percent", math.nan)
     return Finding(
-        "Volumetric density, skin included", "%", value, 0.0, 45.0,
-        "Yaffe et al. 2009 (Med Phys 36:5437): 19 % on average, 95 % of women below 45 %",
+        "Volumetric density, skin included", "%", value, *PUBLISHED["volumetric_density_percent"],
     )  # fmt: skip
 
 
@@ -159,8 +170,8 @@ def _thickness(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
 
 def _force(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
     return Finding(
-        "Force on the paddle", "N", squeezed.measures.get("force_n", math.nan), 49.0, 186.0,
-        "Sullivan et al. 1991 (Radiology 181:355): all of 560 women, median 122.5 N", 0,
+        "Force on the paddle", "N", squeezed.measures.get("force_n", math.nan),
+        *PUBLISHED["force_n"], 0,
     )  # fmt: skip
 
 
