@@ -115,6 +115,14 @@ LIMITS: tuple[Limit, ...] = (
         "4th edition (2006): acceptable level over thickness",
     ),
     Limit(
+        "unknown_dose_angle_deg", "tube angle at which t, the dose over that of the upright tube, "
+        "is taken as 1", "degrees", -math.inf, 0.0, math.inf,
+        "only acquisition.scatter.model: monte-carlo finds t; the dose of all projections is an "
+        "estimate, some per cent too high for a wide arc",
+        "t is the dose at an angle over that of the upright tube for the same load (Dance, Young "
+        "and van Engen 2011, Phys Med Biol 56:453); it is 1 by definition at 0 degrees alone",
+    ),
+    Limit(
         "scatter_to_primary_ratio", "scatter-to-primary ratio in front of the grid", "", 0.1, 1.5,
         math.inf, "check the thickness and acquisition.scatter",
         "0.40 to 0.85 were measured (Barnes and Brezovich 1978, Radiology 126:243); the wider "

@@ -15,13 +15,15 @@ from mammosim.compression import compress
 from mammosim.export import (
     ExportSettings,
     StudyIdentity,
+    reconstruction_geometry,
+    series_geometry,
     slice_masks,
     write_reconstruction,
     write_series,
 )
 from mammosim.phantom import Lesion
 from mammosim.projection import project_arc
-from mammosim.reconstruction import Reconstruction, ReconstructionSettings, volume_grid
+from mammosim.reconstruction import Reconstruction, ReconstructionSettings, Synthetic, volume_grid
 from mammosim.targets import find_targets, in_volume
 
 ANGLES = 20.0
@@ -37,13 +39,18 @@ def view(tmp_path_factory):
     block = phantom(labels, [5.0, 5.0, 8.0], [2.5, -32.5, 4.0], lesions=(BLOCK,))
     breast = compress(block, model="none")
     arc = project_arc(
-        breast, {"projections": 3, "angle_range_deg": ANGLES, "shares": [1, 2, 1]},
+        breast,
+        {"projections": 3, "angle_range_deg": ANGLES, "detector_angle_range_deg": 4.0,
+         "shares": [1, 2, 1]},
         pixel_mm=2.0, detector_mm=[150.0, 60.0],
     )  # fmt: skip
     series = expose_arc(arc, mas=60.0, **FEW_PHOTONS)
     grid = volume_grid(series.middle.gantry, 40.0, 4.0)
     slices = np.linspace(0.01, 0.09, grid.voxels, dtype=np.float32).reshape(grid.shape)
-    volume = Reconstruction(slices, grid, series.middle.gantry, ReconstructionSettings())
+    counting = np.arange(grid.shape[1] * grid.shape[2], dtype=np.uint16).reshape(grid.shape[1:])
+    made = Synthetic(counting.astype(np.float32), counting % 4096)
+    settings = ReconstructionSettings()
+    volume = Reconstruction(slices, grid, series.middle.gantry, settings, made)
     targets = [in_volume(one, grid) for one in find_targets(breast, arc.paths(1))]
     masks = slice_masks(breast, volume, targets)
     folder, study = tmp_path_factory.mktemp("dbt"), StudyIdentity("a1")
@@ -63,6 +70,43 @@ def test_each_projection_is_a_frame_with_its_own_angle_and_load(view):
     assert loads == pytest.approx([15.0, 30.0, 15.0])
     dose = sum(float(f.XRayAcquisitionDoseSequence[0].OrganDose) for f in frames)
     assert dose == pytest.approx(series.dose_mgy / 100.0, rel=1e-4)  # dGy, six digits
+
+
+def test_each_frame_has_the_detector_where_it_was(view):
+    """Isocentre's axes: the patient's right (CC), away from the chest wall, up."""
+    folder, series, _ = view
+    raw = pydicom.dcmread(folder / "projections_for_processing.dcm")
+    for groups, gantry, angle in zip(
+        raw.PerFrameFunctionalGroupsSequence, series.gantries, (2.0, 0.0, -2.0), strict=True
+    ):
+        place = groups.IsocenterReferenceSystemSequence[0]
+        assert place.DetectorIsocenterPrimaryAngle == pytest.approx(angle)
+        corner = np.array(place.DetectorActiveAreaTLHCPosition)
+        along = np.array(place.DetectorActiveAreaOrientation).reshape(2, 3)
+        np.testing.assert_allclose(along @ along.T, np.eye(2), atol=1e-6)
+        foot = np.array([place[f"Detector{axis}PositionToIsocenter"].value for axis in "XYZ"])
+        # The foot of the isocentre lies on the detector, straight below it.
+        normal = np.cross(*along)
+        assert (foot - corner) @ normal == pytest.approx(0.0, abs=1e-4)
+        assert np.linalg.norm(foot) == pytest.approx(50.0, abs=1e-4)
+        pixel = corner + 2.0 * (3.5 * along[0] + 10.5 * along[1])  # of 2 mm
+        x, y, z = gantry.detector_mm(10, 3)
+        expected = [gantry.focal_spot_y_mm - y, x, z - (50.0 - 15.0)]
+        np.testing.assert_allclose(pixel, expected, atol=1e-4)
+
+
+def test_the_record_has_the_pixels_of_every_projection(view):
+    series = view[1]
+    known = series_geometry(series)
+    assert known["detector"] == "turning"
+    for taken, gantry in zip(known["projections"], series.gantries, strict=True):
+        assert taken["detector_angle_deg"] == pytest.approx(gantry.detector_angle_deg)
+        first, down, right = (
+            np.array(taken[key]) for key in ("first_pixel_mm", "row_step_mm", "column_step_mm")
+        )
+        np.testing.assert_allclose(
+            first + 7 * down + 9 * right, gantry.detector_mm(7, 9), atol=2e-5
+        )
 
 
 def test_projections_for_reading_show_attenuation_with_one_scale(view):
@@ -133,6 +177,24 @@ def test_a_comment_says_what_a_pixel_value_is(view):
     np.testing.assert_allclose(found[inside], volume.slices[inside], atol=0.51 * step + 1e-6)
 
 
+def test_the_synthetic_picture_says_what_it_is_and_whose(view):
+    folder, series, volume = view
+    stored = pydicom.dcmread(folder / "synthetic_2d.dcm")
+    assert list(stored.ImageType) == ["DERIVED", "PRIMARY", "TOMOSYNTHESIS", "GENERATED_2D"]
+    assert "not a manufacturer's method" in stored.ImageComments
+    np.testing.assert_array_equal(stored.pixel_array, volume.synthetic.pixels)
+    assert [float(step) for step in stored.PixelSpacing] == [volume.grid.pixel_mm] * 2
+    raw = pydicom.dcmread(folder / "projections_for_processing.dcm")
+    (source,) = stored.SourceImageSequence
+    assert source.ReferencedSOPInstanceUID == raw.SOPInstanceUID
+    assert source.ReferencedSOPClassUID == raw.SOPClassUID
+    # Load and dose are those of all projections.
+    assert float(stored.OrganDose) == pytest.approx(series.dose_mgy / 100.0, rel=1e-4)
+    assert int(stored.Exposure) == round(series.mas)
+    assert (folder / "synthetic_2d.png").exists()
+    assert reconstruction_geometry(volume)["synthetic"]["by"] == "mammosim; no manufacturer's"
+
+
 @pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy is not installed")
 @pytest.mark.parametrize(
     "name",
@@ -141,6 +203,7 @@ def test_a_comment_says_what_a_pixel_value_is(view):
         "projections_for_presentation",
         "reconstruction",
         "reconstruction_lesions",
+        "synthetic_2d",
     ],
 )
 def test_the_objects_have_no_errors(view, name):
@@ -151,6 +214,7 @@ def test_the_objects_have_no_errors(view, name):
     assert said.split()[0] in (
         "BreastProjectionXRayImage",
         "BreastTomosynthesisImage",
+        "MammographyImageForPresentation",
         "Segmentation",
     )
     assert [line for line in said.splitlines() if line.startswith("Error")] == []

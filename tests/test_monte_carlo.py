@@ -4,6 +4,7 @@ import numba
 import numpy as np
 import pytest
 from naive import monte_carlo as naive
+from naive.projection import turned_pixel
 
 from mammosim.acquisition.attenuation import (
     BEAM_MATERIALS,
@@ -114,14 +115,22 @@ def test_sampled_angles_have_the_moments_of_their_densities(material):
     np.testing.assert_allclose(mean, tables.transfer[:, 0], rtol=1e-3)
 
 
-def test_single_scatter_of_a_small_cube_is_its_integral():
+@pytest.mark.parametrize(
+    "turned",
+    [
+        {},
+        {"gap_mm": 30.0, "tube_angle_deg": 20.0, "detector_angle_deg": 12.0,
+         "pivot_to_detector_mm": 20.0},
+    ],
+    ids=["upright", "turned"],
+)  # fmt: skip
+def test_single_scatter_of_a_small_cube_is_its_integral(turned):
     """A cube so thin that nearly all scatter once, in a beam of one energy."""
-    thin = 0.02
+    thin, centre = 0.02, (30.0, 0.0, 21.0)
     cube = naive.block((2.0, 2.0, 2.0), (29.0, -1.0, 20.0), density=thin)
-    case = naive.Case(cube, naive.gantry(120, 100))
-    half = 0.5 * 2.0 * 650.0 / (650.0 - 36.0)
-    middle = 30.0 * 650.0 / (650.0 - 36.0)
-    field = naive.pencil(middle, 0.0, 2.0 * half * 1.2)
+    case = naive.Case(cube, naive.gantry(120, 100, **turned))
+    shadow = case.gantry.detector_xy_mm(*case.gantry.project(centre))
+    field = naive.pencil(*shadow, 3.5 if turned else 2.6)  # of 2.1 mm, and wider where oblique
     alone = case.follow(16 * 2000, field=field)
     empty = naive.Case(
         naive.block((2.0, 2.0, 2.0), (29.0, -1.0, 20.0), eighths=(0,)), case.gantry
@@ -129,16 +138,16 @@ def test_single_scatter_of_a_small_cube_is_its_integral():
     m = alone.margin
     found = (alone.scatter - empty.scatter).mean(axis=0)[m:-m, m:-m]
     error = (alone.scatter - empty.scatter).std(axis=0, ddof=1)[m:-m, m:-m] / 4.0
-    y, x = 60.0 - 2.0 * (np.arange(60) + 0.5), 2.0 * (np.arange(50) + 0.5)
-    cells = np.stack(np.broadcast_arrays(x[None, :], y[:, None]), axis=-1)
-    expected = naive.single_scatter(case, (30.0, 0.0, 21.0), 8.0 * thin, cells, 20.0)
-    near = np.hypot(cells[..., 0] - 30.0, cells[..., 1]) < 25.0
-    # attenuation in cube and air 0.5 %; four standard errors of the sum
-    total = np.sqrt((error[near] ** 2).sum())
-    assert found[near].sum() == pytest.approx(expected[near].sum(), rel=0.01, abs=4.0 * total)
-    ring = near & (np.hypot(cells[..., 0] - 30.0, cells[..., 1]) > 12.0)
-    total = np.sqrt((error[ring] ** 2).sum())
-    assert found[ring].sum() == pytest.approx(expected[ring].sum(), rel=0.01, abs=4.0 * total)
+    row, column = 2.0 * np.arange(60) + 0.5, 2.0 * np.arange(50) + 0.5
+    cells = turned_pixel(case.gantry, *np.meshgrid(row, column, indexing="ij"))
+    expected = naive.single_scatter(case, centre, 8.0 * thin, cells, 20.0)
+    away = np.hypot(cells[..., 0] - 30.0, cells[..., 1])
+    near = away < 25.0
+    ring = near & (away > 12.0)
+    for part in (near, ring, ring & (cells[..., 1] < 0.0)):
+        # attenuation in cube and air 0.5 %; four standard errors of the sum
+        total = np.sqrt((error[part] ** 2).sum())
+        assert found[part].sum() == pytest.approx(expected[part].sum(), rel=0.01, abs=4.0 * total)
 
 
 # Conservation

@@ -2,7 +2,14 @@
 
 import numpy as np
 import pytest
-from naive.projection import deformed_projection, inverse_map, phantom, squeezed, unsqueezed
+from naive.projection import (
+    deformed_projection,
+    inverse_map,
+    phantom,
+    squeezed,
+    turned_pixel,
+    unsqueezed,
+)
 
 from mammosim.errors import InputError
 from mammosim.phantom import Lesion
@@ -16,6 +23,7 @@ from mammosim.projection import (
 
 ADIPOSE, GLAND, MUSCLE, LESION = 1, 29, 40, 160
 WIDE = {"angle_range_deg": 50.0, "projections": 3}  # -25, 0 and 25 degrees
+TURNING = {**WIDE, "detector_angle_range_deg": 16.0}  # the detector by -8, 0 and 8
 
 
 def ball(radius_mm, voxel_mm):
@@ -27,10 +35,7 @@ def ball(radius_mm, voxel_mm):
 
 def rays(gantry):
     """Focal spot (3,) and pixel centres [row, column, 3], gantry frame."""
-    row, column = np.indices((gantry.rows, gantry.columns))
-    at = gantry.detector_xy_mm(row, column)
-    height = np.full((*row.shape, 1), -gantry.support_to_detector_mm)
-    return gantry.focal_spot_mm, np.concatenate([at, height], axis=-1)
+    return gantry.focal_spot_mm, turned_pixel(gantry, *np.indices((gantry.rows, gantry.columns)))
 
 
 def test_the_spot_moves_on_a_circle_about_the_pivot():
@@ -50,11 +55,52 @@ def test_the_spot_moves_on_a_circle_about_the_pivot():
     assert arc.gantries[arc.middle].tube_angle_deg == 0.0
 
 
+@pytest.mark.parametrize("laterality", ["L", "R"])
+def test_a_turned_detector_sees_along_the_rays_to_its_pixels(laterality):
+    """Its pixels lie on a plane turned about the pivot, and `project` finds them again."""
+    breast = unsqueezed(phantom(np.ones((8, 8, 8), np.uint8), 2.0, [1, -7, -7], laterality))
+    arc = project_arc(breast, TURNING, pixel_mm=4.0, focal_spot_y_mm=3.0,
+                      support_to_detector_mm=30.0, detector_mm=(120.0, 60.0))  # fmt: skip
+    for gantry, angle in zip(arc.gantries, (-8.0, 0.0, 8.0), strict=True):
+        assert gantry.detector_angle_deg == pytest.approx(angle, abs=1e-12)
+        spot, pixel = rays(gantry)
+        np.testing.assert_allclose(
+            gantry.detector_mm(*np.indices((gantry.rows, gantry.columns))), pixel, atol=1e-9
+        )
+        normal = np.cross(pixel[1, 0] - pixel[0, 0], pixel[0, 1] - pixel[0, 0])
+        normal /= np.linalg.norm(normal)
+        height = abs((spot - pixel[0, 0]) @ normal)
+        assert gantry.focal_spot_height_mm == pytest.approx(height, rel=1e-12)
+        assert gantry.focal_spot_above_detector_mm[2] == pytest.approx(height - 30.0, rel=1e-12)
+        for share in (0.0, 0.2):
+            found = gantry.project(pixel + share * (spot - pixel))
+            np.testing.assert_allclose(
+                np.moveaxis(found, -1, 0), np.indices(pixel.shape[:2]), atol=1e-9
+            )
+    lower, upper = (arc.gantries[k].detector_mm([0, 29], [0, 0])[:, 2] for k in (0, 2))
+    # The tube goes to +y, and that side of the detector goes down.
+    assert (np.diff(upper)[0] > 0.0) == (laterality == "L") == (np.diff(lower)[0] < 0.0)
+
+
+def test_a_detector_that_would_turn_into_the_support_is_refused():
+    breast = unsqueezed(ball(12.0, 1.0), edge_mm=-15.0)
+    with pytest.raises(
+        InputError,
+        match=r"detector_angle_range_deg: found one that turns the detector by -8 degrees, whose "
+        r"edge then reaches the breast support; expected less, or "
+        r"projection.support_to_detector_mm above 1\d\.\d \(found 15\)",
+    ):
+        project_arc(breast, TURNING, pixel_mm=2.0)
+    with pytest.raises(InputError, match=r"found 60, expected at most angle_range_deg, 50"):
+        project_arc(breast, {**WIDE, "detector_angle_range_deg": 60.0})
+
+
+@pytest.mark.parametrize("movement", [WIDE, TURNING], ids=["fixed", "turning"])
 @pytest.mark.parametrize("index", [0, 2])
-def test_chord_of_a_sphere_at_25_degrees(index):
+def test_chord_of_a_sphere_at_25_degrees(index, movement):
     radius, voxel = 15.0, 0.25
     arc = project_arc(
-        unsqueezed(ball(radius, voxel), edge_mm=-20.0), WIDE, pixel_mm=1.0,
+        unsqueezed(ball(radius, voxel), edge_mm=-20.0), movement, pixel_mm=1.0,
         support_to_detector_mm=20.0,
     )  # fmt: skip
     paths = arc.paths(index)
@@ -89,8 +135,10 @@ def test_slab_thickness_over_cosine_at_25_degrees(index):
     )  # float32 output, voxel places in float32
 
 
-@pytest.mark.parametrize("laterality", ["L", "R"])
-def test_oblique_rays_through_a_deformed_breast_equal_the_twin(laterality):
+@pytest.mark.parametrize(
+    ("laterality", "movement"), [("L", WIDE), ("R", WIDE), ("L", TURNING), ("R", TURNING)]
+)
+def test_oblique_rays_through_a_deformed_breast_equal_the_twin(laterality, movement):
     labels = np.random.default_rng(5).choice(
         np.array([0, ADIPOSE, GLAND], dtype=np.uint8), (12, 14, 10), p=[0.2, 0.5, 0.3]
     )
@@ -100,7 +148,7 @@ def test_oblique_rays_through_a_deformed_breast_equal_the_twin(laterality):
         [-2.0, -9.0, -6.0], [14.0, 9.0, 6.0], [1.7, 1.3, 1.1],
     )  # fmt: skip
     bent = squeezed(breast, inverse, plates_mm=(-5.0, 5.0))
-    paths = project_arc(bent, WIDE, pixel_mm=1.3, detector_mm=[52.0, 26.0]).paths(2)
+    paths = project_arc(bent, movement, pixel_mm=1.3, detector_mm=[52.0, 26.0]).paths(2)
     expected = deformed_projection(bent, paths.gantry)[[ADIPOSE, GLAND]]
     assert expected.max() > 2.0
     np.testing.assert_allclose(paths.length_mm, expected, atol=2e-4)  # as in the upright twin test

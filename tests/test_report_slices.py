@@ -7,7 +7,7 @@ import pytest
 from make_records import make_compressed, make_mammogram, make_targets
 
 from mammosim.geometry import View
-from mammosim.reconstruction import Reconstruction, ReconstructionSettings, volume_grid
+from mammosim.reconstruction import Reconstruction, ReconstructionSettings, Synthetic, volume_grid
 from mammosim.report import ReportedView, render_report, run_record
 from mammosim.report.slices import slice_stacks
 from mammosim.targets import in_volume
@@ -56,5 +56,11 @@ def test_the_page_holds_the_slider_only_where_there_are_slices(tmp_path, monkeyp
     page = render_report([view], targets, record)
     assert 'id="slices"' in page
     assert page.count("data:image/jpeg;base64,") >= 5
+    assert "Synthetic 2-D picture, computed by mammosim" not in page
+    pixels = np.full(view.reconstruction.grid.shape[1:], 4095, np.uint16)
+    made = replace(view.reconstruction, synthetic=Synthetic(pixels.astype(np.float32), pixels))
+    page = render_report([replace(view, reconstruction=made)], targets, record)
+    assert "Synthetic 2-D picture, computed by mammosim" in page
+    assert "not a manufacturer" in page
     without = render_report([replace(view, reconstruction=None)], targets, record)
     assert 'id="slices"' not in without

@@ -171,6 +171,14 @@ def test_a_view_may_be_taken_both_ways_and_with_a_grid():
             {"dbt": {"view": "CC", "projections": 1, "reconstruct": {}}},
             r"reconstruct: found 1 projections over 50 degrees",
         ),
+        (
+            {"dbt": {"view": "CC", "reconstruct": {"synthetic_2d": True}}},
+            r"synthetic_2d: found true with method: fdk, .* expected method: sart",
+        ),
+        (
+            {"dbt": {"view": "CC", "angle_range_deg": 10, "detector_angle_range_deg": 12}},
+            r"detector_angle_range_deg: found 12, expected at most angle_range_deg, 10",
+        ),
         ({"dbt": {"view": "CC", "reconstruct": {"method": "mlem"}}}, r"method: found 'mlem'"),
     ],
 )
@@ -241,6 +249,24 @@ def test_an_arc_into_the_breast_is_refused_by_check(folder):
     assert (
         "CC_DBT: projection.source_to_detector_mm: found 650, expected more than" in result.output
     )
+
+
+def test_a_detector_that_turns_into_the_support_is_refused_by_check(folder):
+    dbt = {**SERIES, "detector_angle_range_deg": 30}
+    result = invoke("check", write(folder, "turn.yaml", views=[{"dbt": dbt}]))
+    assert result.exit_code == 2, result.output
+    assert "turns the detector by -15 degrees, whose edge then reaches the breast" in result.output
+
+
+def test_check_warns_of_a_dose_without_its_angle(folder):
+    """Only Monte Carlo finds the dose at each angle of the tube."""
+    said = []
+    for model in ("kernels", "monte-carlo"):
+        path = write(folder, f"{model}.yaml", views=[{"dbt": SERIES}],
+                     acquisition={"scatter": {"model": model}})  # fmt: skip
+        said.append(invoke("check", path).output)
+    assert re.search(r"CC_DBT: tube angle at which t, .* is taken as 1: found 20 degrees", said[0])
+    assert "taken as 1" not in said[1]
 
 
 def test_check_says_what_slices_need_to_be_installed(folder, monkeypatch):

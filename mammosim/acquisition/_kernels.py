@@ -36,10 +36,14 @@ class Rays(NamedTuple):
     ----------
     row_tangent, column_tangent : ndarray of float64, (rows,), (columns,)
         Distance from the central ray along each axis over the source to detector distance.
+    turn_cosine, turn_sine : float
+        Of the angle by which the detector is turned against the flat layers in the way.
     """
 
     row_tangent: NDArray[np.float64]
     column_tangent: NDArray[np.float64]
+    turn_cosine: float
+    turn_sine: float
 
 
 class Weights(NamedTuple):
@@ -98,7 +102,7 @@ def primary_kernel(
                     number += 1
             source = min(column, sources - 1)
             secant = _secant(rays, row, column)
-            excess = secant - 1.0
+            excess = _excess(rays, row, secant)
             if number == 0:
                 passed = exp(-weights.mean_depth * excess)
                 signal = air_signal[source] * passed
@@ -123,6 +127,15 @@ def _secant(rays: Rays, row: int, column: int) -> float:
     """One over the cosine of the angle between a pixel's ray and the detector's normal."""
     u, v = rays.row_tangent[row], rays.column_tangent[column]
     return sqrt(1.0 + u * u + v * v)
+
+
+@kernel
+def _excess(rays: Rays, row: int, secant: float) -> float:
+    """By how much more of the flat layers is in the way than on a ray at right angles to them.
+
+    They stay where they are when the detector turns. The converter's gain is counted among them.
+    """
+    return secant / (rays.turn_cosine + rays.turn_sine * rays.row_tangent[row]) - 1.0
 
 
 @kernel
@@ -190,7 +203,7 @@ def log_attenuation_kernel(
         for column in range(columns):
             air = air_signal[min(column, air_signal.size - 1)]
             secant = _secant(rays, row, column)
-            flat = signal[row, column] * secant**3 * exp(mean_depth * (secant - 1.0))
+            flat = signal[row, column] * secant**3 * exp(mean_depth * _excess(rays, row, secant))
             out_attenuation[row, column] = log(air / max(flat, 1e-6 * air))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +27,11 @@ Essential Physics of Medical Imaging, chapter on mammography)."""
 
 
 def with_warnings(
-    image: Mammogram, arrival: Arrival, wanted_mas: float, exposures: float = 1.0
+    image: Mammogram,
+    arrival: Arrival,
+    wanted_mas: float,
+    exposures: float = 1.0,
+    further: Mapping[str, float] | None = None,
 ) -> Mammogram:
     """A mammogram with a note for each implausible quantity.
 
@@ -39,12 +44,14 @@ def with_warnings(
         Tube load that was set or that exposure control asked for, all exposures together, mAs.
     exposures : float
         Tube load of all exposures of a series over that of this one.
+    further : mapping of str to float, optional
+        More quantities to be judged, by their names in the table of limits.
 
     Returns
     -------
     Mammogram
     """
-    quantities = {"tube_load_mas": image.mas * exposures}
+    quantities = {"tube_load_mas": image.mas * exposures, **(further or {})}
     if arrival.coarse.inside.any():
         dose_mgy = image.measures.get("dose_of_all_projections_mgy", image.dose_mgy)
         quantities["dose_percent_of_limit"] = 100.0 * dose_mgy / dose_limit_mgy(image.thickness_mm)

@@ -114,6 +114,7 @@ def scatter_sweep(
     if settings.scatter_model != "monte-carlo" or breast is None:
         return None
     given = [gantry.tube_angle_deg for gantry in gantries]
+    detector = [gantry.detector_angle_deg for gantry in gantries]
     span = max(given) - min(given)
     count = 1 if span == 0.0 else min(max(int(np.ceil(span / MAX_STEP_DEG)) + 1, 3), MAX_ANGLES)
     angles = np.linspace(min(given), max(given), count)
@@ -121,7 +122,10 @@ def scatter_sweep(
     shape = (-(-gantries[0].rows // cell), -(-gantries[0].columns // cell))
     beam, found = beam_for(settings, paths), []
     for number, angle in enumerate(angles):
-        gantry = replace(gantries[0], tube_angle_deg=float(angle))
+        gantry = replace(
+            gantries[0], tube_angle_deg=float(angle),
+            detector_angle_deg=float(np.interp(angle, given, detector)),
+        )  # fmt: skip
         case = scatter_case(
             np.zeros(shape), np.zeros(shape), cell, gantry, beam, settings, breast,
             seed=seed + number,

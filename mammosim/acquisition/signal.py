@@ -65,8 +65,12 @@ def rays_of(gantry: Gantry) -> Rays:
     """Tangents of the pixels' rays; rows and columns separate because the detector is flat."""
     rows = gantry.detector_xy_mm(np.arange(gantry.rows), np.zeros(gantry.rows))
     columns = gantry.detector_xy_mm(np.zeros(gantry.columns), np.arange(gantry.columns))
-    spot, height = gantry.focal_spot_mm, gantry.focal_spot_height_mm
-    return Rays((rows[:, 1] - spot[1]) / height, (columns[:, 0] - spot[0]) / height)
+    spot, height = gantry.focal_spot_above_detector_mm, gantry.focal_spot_height_mm
+    turn = gantry.detector_turn
+    return Rays(
+        (rows[:, 1] - spot[1]) / height, (columns[:, 0] - spot[0]) / height,
+        turn.cosine, turn.sine,
+    )  # fmt: skip
 
 
 def response(

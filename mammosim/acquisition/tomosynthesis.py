@@ -145,7 +145,7 @@ def expose_arc(
     all projections is the sum of each one's load times t(angle), the dose at its angle over that of
     the upright tube, as Dance, Young & van Engen (2011, Phys Med Biol 56:453) define it; it is
     taken from Monte Carlo's own photons in this breast, not from their tables. Other scatter models
-    take t as 1, which is some per cent too high at 25 degrees. Not modelled: movement of the tube
+    take t as 1, and a note says so. Not modelled: movement of the tube
     during an exposure, lag, grid cut-off.
     """
     settings = given_settings(AcquisitionSettings, settings, keys, "expose_arc()", ("acquisition",))
@@ -183,7 +183,10 @@ def expose_arc(
     dose_mgy = shown.dose_mgy * float(parts @ factors / (parts[middle] * factors[middle]))
     whole = {"projections": float(count), "dose_of_all_projections_mgy": dose_mgy}
     shown = replace(shown, measures={**shown.measures, **whole})
-    shown = with_warnings(shown, arrival, wanted_mas, 1.0 / float(parts[middle]))
+    unknown = {}
+    if sweep is None:
+        unknown["unknown_dose_angle_deg"] = max(abs(one.tube_angle_deg) for one in arc.gantries)
+    shown = with_warnings(shown, arrival, wanted_mas, 1.0 / float(parts[middle]), unknown)
     stack[middle] = shown.for_processing
     del arrival, signal, paths
     for index in (*range(middle), *range(middle + 1, count)):

@@ -159,7 +159,7 @@ def _cosine(
     gantry: Gantry, rows: NDArray[np.intp], columns: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """(n,) cosine of the rays to pixels with the detector's normal."""
-    spot, height = gantry.focal_spot_mm, gantry.focal_spot_height_mm
+    spot, height = gantry.focal_spot_above_detector_mm, gantry.focal_spot_height_mm
     away = gantry.detector_xy_mm(rows, columns) - spot[:2]
     cosine: NDArray[np.float64] = height / np.hypot(height, np.linalg.norm(away, axis=-1))
     return cosine

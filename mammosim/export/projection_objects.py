@@ -97,7 +97,6 @@ def projections_dataset(
             "PositionerType": "MAMMOGRAPHIC",
             "PhotometricInterpretation": "MONOCHROME1" if raw else "MONOCHROME2",
             "PresentationLUTShape": "INVERSE" if raw else "IDENTITY",
-            "TypeOfDetectorMotion": "STATIONARY",
             "ExposureControlMode": "AUTOMATIC" if middle.automatic_exposure else "MANUAL",
             "ExposureControlModeDescription": "As of a mammogram, split over all projections",
             "PaddleDescription": "Simulated flat paddle",
@@ -201,7 +200,8 @@ def _frame(series: Tomosynthesis, index: int, settings: ExportSettings) -> Datas
     """Functional groups of one projection."""
     gantry, load = series.gantries[index], float(series.loads_mas[index])
     support = gantry.support_to_detector_mm
-    to_support = gantry.focal_spot_height_mm - support
+    to_support = float(gantry.focal_spot_mm[2])
+    pivot_mm, turn = gantry.pivot_to_detector_mm, gantry.detector_turn
     # Unit vectors: places of pixels one millimetre apart.
     one = 1.0 / gantry.pixel_mm
     first, along_row, down_column = (
@@ -226,7 +226,7 @@ def _frame(series: Tomosynthesis, index: int, settings: ExportSettings) -> Datas
                 DistanceSourceToDetector=decimal_string(gantry.focal_spot_height_mm),
                 DistanceSourceToPatient=decimal_string(to_support),
                 EstimatedRadiographicMagnificationFactor=decimal_string(
-                    gantry.focal_spot_height_mm / to_support
+                    (to_support + support) / to_support
                 ),
             ),
             "IsocenterReferenceSystemSequence": sequence_of(
@@ -237,11 +237,11 @@ def _frame(series: Tomosynthesis, index: int, settings: ExportSettings) -> Datas
                 BreastSupportXPositionToIsocenter=0.0,
                 BreastSupportYPositionToIsocenter=0.0,
                 BreastSupportZPositionToIsocenter=support - gantry.pivot_to_detector_mm,
-                DetectorIsocenterPrimaryAngle=0.0,
+                DetectorIsocenterPrimaryAngle=0.0 - gantry.detector_angle_deg,
                 DetectorIsocenterSecondaryAngle=0.0,
-                DetectorXPositionToIsocenter=0.0,
+                DetectorXPositionToIsocenter=pivot_mm * turn.sine,
                 DetectorYPositionToIsocenter=0.0,
-                DetectorZPositionToIsocenter=-gantry.pivot_to_detector_mm,
+                DetectorZPositionToIsocenter=-pivot_mm * turn.cosine,
                 DetectorActiveAreaTLHCPosition=_about_isocenter(gantry, -0.5, -0.5),
                 DetectorActiveAreaOrientation=[
                     *(right - corner for right, corner in zip(along_row, first, strict=True)),
@@ -265,8 +265,9 @@ def _frame(series: Tomosynthesis, index: int, settings: ExportSettings) -> Datas
 
 def _about_isocenter(gantry: Gantry, row: float, column: float) -> list[float]:
     """Place of a pixel about the pivot, mm: x along the gantry's -y, y along its x, z up."""
-    x_mm, y_mm = gantry.detector_xy_mm(row, column)
-    return [gantry.focal_spot_y_mm - float(y_mm), float(x_mm), -gantry.pivot_to_detector_mm]
+    x_mm, y_mm, z_mm = gantry.detector_mm(row, column)
+    pivot_z_mm = gantry.pivot_to_detector_mm - gantry.support_to_detector_mm
+    return [gantry.focal_spot_y_mm - float(y_mm), float(x_mm), float(z_mm) - pivot_z_mm]
 
 
 def _turn(gantry: Gantry) -> float:

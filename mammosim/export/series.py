@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -24,9 +25,11 @@ from mammosim.export.projection_objects import write_projections
 from mammosim.export.settings import ExportSettings
 from mammosim.export.slice_masks import SliceMask, write_slice_masks
 from mammosim.export.slice_objects import slice_dataset
+from mammosim.export.synthetic_object import SYNTHETIC, write_synthetic
 from mammosim.export.volumes import write_slices
+from mammosim.geometry import Gantry
 from mammosim.projection import PathLengths
-from mammosim.reconstruction import Reconstruction
+from mammosim.reconstruction import METHOD, Reconstruction
 
 INTENTS: tuple[Intent, Intent] = ("processing", "presentation")
 PROJECTIONS = "projections.tif"
@@ -115,6 +118,7 @@ def write_reconstruction(
         if any(one.mask.any() for one in masks):
             path = folder / "reconstruction_lesions.dcm"
             write_slice_masks(masks, slices, volume, path, study, settings)
+    write_synthetic(folder, series, volume, settings, study)
 
 
 def series_geometry(series: Tomosynthesis) -> dict[str, Any]:
@@ -129,24 +133,27 @@ def series_geometry(series: Tomosynthesis) -> dict[str, Any]:
     dict
         Lengths in mm in the gantry frame: x from the detector's chest-wall edge, y along it, z up
         from the breast support. The centre of pixel [row, column] is at
-        ``first_pixel_mm + row * row_step_mm + column * column_step_mm`` in every projection.
+        ``first_pixel_mm + row * row_step_mm + column * column_step_mm`` in every projection; where
+        the detector turns, each projection has its own, and the first are those of the upright
+        detector.
     """
     gantry = series.middle.gantry
-    z = -gantry.support_to_detector_mm
-    first, down, right = (
-        np.append(gantry.detector_xy_mm(row, column), z) for row, column in ((0, 0), (1, 0), (0, 1))
-    )
+    turns = any(turned.detector_angle_deg for turned in series.gantries)
     return {
         "frame": "gantry: x from the detector's edge, y along it, z above the support; mm",
         "pages": PROJECTIONS,
-        "detector": "stationary",
+        "detector": "turning" if turns else "stationary",
         "rows": gantry.rows,
         "columns": gantry.columns,
-        "first_pixel_mm": _rounded(first),
-        "row_step_mm": _rounded(down - first),
-        "column_step_mm": _rounded(right - first),
+        **_pixel_places(replace(gantry, detector_angle_deg=0.0)),
         "source_to_detector_mm": gantry.source_to_detector_mm,
-        "pivot_mm": _rounded([0.0, gantry.focal_spot_y_mm, gantry.pivot_to_detector_mm + z]),
+        "pivot_mm": _rounded(
+            [
+                0.0,
+                gantry.focal_spot_y_mm,
+                gantry.pivot_to_detector_mm - gantry.support_to_detector_mm,
+            ]
+        ),
         "pivot_axis": [1.0, 0.0, 0.0],
         "thickness_mm": series.middle.thickness_mm,
         "counts_per_kev": series.counts_per_kev,
@@ -157,12 +164,29 @@ def series_geometry(series: Tomosynthesis) -> dict[str, Any]:
                 "page": page,
                 "angle_deg": round(turned.tube_angle_deg, 9),
                 "focal_spot_mm": _rounded(turned.focal_spot_mm),
+                **(_turned_detector(turned) if turns else {}),
                 "mas": float(series.loads_mas[page]),
                 "dose_factor": round(float(series.dose_factors[page]), 6),
                 "scatter_to_primary_ratio": round(float(series.scatter_to_primary[page]), 6),
             }
             for page, turned in enumerate(series.gantries)
         ],
+    }
+
+
+def _turned_detector(gantry: Gantry) -> dict[str, Any]:
+    return {"detector_angle_deg": round(gantry.detector_angle_deg, 9), **_pixel_places(gantry)}
+
+
+def _pixel_places(gantry: Gantry) -> dict[str, list[float]]:
+    """Place of the first pixel's centre, and the steps to the next row and column, mm."""
+    first, down, right = (
+        gantry.detector_mm(row, column) for row, column in ((0, 0), (1, 0), (0, 1))
+    )
+    return {
+        "first_pixel_mm": _rounded(first),
+        "row_step_mm": _rounded(down - first),
+        "column_step_mm": _rounded(right - first),
     }
 
 
@@ -182,6 +206,7 @@ def reconstruction_geometry(volume: Reconstruction) -> dict[str, Any]:
     grid = volume.grid
     slices, rows, columns = grid.shape
     first, up, down, right = grid.gantry_from_voxel([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    made = {"file": f"{SYNTHETIC}.dcm", "method": METHOD, "by": "mammosim; no manufacturer's"}
     return {
         **volume.settings.model_dump(mode="json", exclude_none=True),
         "file": SLICES,
@@ -192,6 +217,7 @@ def reconstruction_geometry(volume: Reconstruction) -> dict[str, Any]:
         "slice_step_mm": _rounded(up - first),
         "row_step_mm": _rounded(down - first),
         "column_step_mm": _rounded(right - first),
+        **({"synthetic": made} if volume.synthetic is not None else {}),
     }
 
 

@@ -4,14 +4,16 @@ x runs from the chest-wall edge of the detector towards the nipple, y along that
 compression frame's y), z up from the upper surface of the breast support. All views are seen from
 the tube; a right breast's picture is turned by 180 degrees against a left one's, never mirrored.
 
-In tomosynthesis the tube turns about a pivot, an axis along x above the detector, and the detector
-stays where it is.
+In tomosynthesis the tube turns about a pivot, an axis along x above the detector. The detector
+stays where it is, or turns about the same axis by a smaller angle. Its *detector frame* is the
+gantry frame turned with it: there the detector lies flat, at the height of an unturned one.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +37,16 @@ def magnification(source_to_detector_mm: float, support_to_detector_mm: float) -
     """
     above_mm = source_to_detector_mm - support_to_detector_mm
     return source_to_detector_mm / above_mm if above_mm > 0.0 else math.inf
+
+
+class DetectorTurn(NamedTuple):
+    """From gantry to detector frame: x stays, ``v = cosine y - sine z + y_mm`` and
+    ``w = sine y + cosine z + z_mm``."""
+
+    cosine: float
+    sine: float
+    y_mm: float
+    z_mm: float
 
 
 @dataclass(frozen=True)
@@ -66,6 +78,8 @@ class Gantry:
         Angle by which the tube is turned about the pivot, degrees; positive towards +y.
     pivot_to_detector_mm : float
         Height of the pivot above the detector plane, mm; it is above `focal_spot_y_mm`.
+    detector_angle_deg : float
+        Angle by which the detector is turned about the pivot, degrees, in the tube's sense.
     """
 
     view: View
@@ -80,6 +94,7 @@ class Gantry:
     y_min_mm: float
     tube_angle_deg: float = 0.0
     pivot_to_detector_mm: float = 0.0
+    detector_angle_deg: float = 0.0
 
     @property
     def y_max_mm(self) -> float:
@@ -99,16 +114,35 @@ class Gantry:
     @property
     def focal_spot_mm(self) -> NDArray[np.float64]:
         """(3,) focal spot in the gantry frame, mm."""
-        arm = self.source_to_detector_mm - self.pivot_to_detector_mm
-        y = self.focal_spot_y_mm + arm * math.sin(math.radians(self.tube_angle_deg))
-        return np.array([0.0, y, self.focal_spot_height_mm - self.support_to_detector_mm])
+        return self._focal_spot_at(self.tube_angle_deg)
+
+    @property
+    def focal_spot_above_detector_mm(self) -> NDArray[np.float64]:
+        """(3,) focal spot in the detector frame, mm."""
+        return self._focal_spot_at(self.tube_angle_deg - self.detector_angle_deg)
 
     @property
     def focal_spot_height_mm(self) -> float:
-        """Height of the focal spot above the detector plane, mm."""
+        """Distance of the focal spot from the detector's plane, mm."""
+        return self._height_at(self.tube_angle_deg - self.detector_angle_deg)
+
+    def _focal_spot_at(self, angle_deg: float) -> NDArray[np.float64]:
         arm = self.source_to_detector_mm - self.pivot_to_detector_mm
-        fall = arm * (1.0 - math.cos(math.radians(self.tube_angle_deg)))
+        y = self.focal_spot_y_mm + arm * math.sin(math.radians(angle_deg))
+        return np.array([0.0, y, self._height_at(angle_deg) - self.support_to_detector_mm])
+
+    def _height_at(self, angle_deg: float) -> float:
+        arm = self.source_to_detector_mm - self.pivot_to_detector_mm
+        fall = arm * (1.0 - math.cos(math.radians(angle_deg)))
         return self.source_to_detector_mm - fall
+
+    @property
+    def detector_turn(self) -> DetectorTurn:
+        """How the detector frame is turned against the gantry frame."""
+        angle = math.radians(self.detector_angle_deg)
+        cosine, sine = math.cos(angle), math.sin(angle)
+        y, z = self.focal_spot_y_mm, self.pivot_to_detector_mm - self.support_to_detector_mm
+        return DetectorTurn(cosine, sine, y - (cosine * y - sine * z), z - (sine * y + cosine * z))
 
     def gantry_from_breast(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Breast-frame points (..., 3) to the gantry frame, mm."""
@@ -133,15 +167,29 @@ class Gantry:
         ndarray, (..., 2)
             Row and column, whole numbers at pixel centres.
         """
-        points = np.asarray(points_mm, dtype=np.float64)
-        spot = self.focal_spot_mm
+        points = self.detector_from_gantry(points_mm)
+        spot = self.focal_spot_above_detector_mm
         scale = self.focal_spot_height_mm / (spot[2] - points[..., 2])
         x = spot[0] + (points[..., 0] - spot[0]) * scale
         y = spot[1] + (points[..., 1] - spot[1]) * scale
         return self.pixel_of(x, y)
 
+    def detector_from_gantry(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """Gantry points (..., 3) to the detector frame, mm."""
+        points, turn = np.asarray(points_mm, dtype=np.float64), self.detector_turn
+        x, y, z = (points[..., axis] for axis in range(3))
+        v = turn.cosine * y - turn.sine * z + turn.y_mm
+        return np.stack([x, v, turn.sine * y + turn.cosine * z + turn.z_mm], axis=-1)
+
+    def detector_mm(self, row: ArrayLike, column: ArrayLike) -> NDArray[np.float64]:
+        """(..., 3) gantry points of rows and columns, mm."""
+        flat, turn = self.detector_xy_mm(row, column), self.detector_turn
+        v, w = flat[..., 1] - turn.y_mm, -self.support_to_detector_mm - turn.z_mm
+        y, z = turn.cosine * v + turn.sine * w, turn.cosine * w - turn.sine * v
+        return np.stack([flat[..., 0], y, z], axis=-1)
+
     def pixel_of(self, x_mm: ArrayLike, y_mm: ArrayLike) -> NDArray[np.float64]:
-        """(..., 2) row and column of detector-plane positions given in gantry x and y, mm."""
+        """(..., 2) row and column of places on the detector, x and y of its own frame, mm."""
         x, y = np.asarray(x_mm, dtype=np.float64), np.asarray(y_mm, dtype=np.float64)
         if self.view.laterality == "L":
             row, column = (self.y_max_mm - y) / self.pixel_mm, x / self.pixel_mm
@@ -150,7 +198,7 @@ class Gantry:
         return np.stack([row - 0.5, column - 0.5], axis=-1)
 
     def detector_xy_mm(self, row: ArrayLike, column: ArrayLike) -> NDArray[np.float64]:
-        """(..., 2) gantry x and y on the detector plane of rows and columns, mm."""
+        """(..., 2) x and y of rows and columns in the detector frame, mm."""
         down, along = np.broadcast_arrays(
             (np.asarray(row, dtype=np.float64) + 0.5) * self.pixel_mm,
             (np.asarray(column, dtype=np.float64) + 0.5) * self.pixel_mm,

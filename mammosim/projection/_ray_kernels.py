@@ -27,15 +27,15 @@ class Beam(NamedTuple):
     """The rays of one view in grid units.
 
     `spot_u`, `spot_v`, `spot_k` is the focal spot as a fractional node; `planes_to_detector` the
-    height of the spot above the detector in grid planes; `first_plane` the lowest plane that is
-    not below the detector; `spacing` the grid's spacing in mm; `row_v` and `column_u` where the
+    height of the spot above each row of pixels in grid planes; `first_plane` the lowest plane that
+    is not below the detector; `spacing` the grid's spacing in mm; `row_v` and `column_u` where the
     rows and columns of pixels lie on the detector, as fractional nodes.
     """
 
     spot_u: float
     spot_v: float
     spot_k: float
-    planes_to_detector: float
+    planes_to_detector: Floats
     first_plane: int
     spacing: Floats
     row_v: Floats
@@ -79,8 +79,8 @@ def trace(
         first = band_order[turn] * band_rows
         for column in range(columns):
             for row in range(first, min(first + band_rows, rows)):
-                slope_u = (beam.column_u[column] - beam.spot_u) / beam.planes_to_detector
-                slope_v = (beam.row_v[row] - beam.spot_v) / beam.planes_to_detector
+                slope_u = (beam.column_u[column] - beam.spot_u) / beam.planes_to_detector[row]
+                slope_v = (beam.row_v[row] - beam.spot_v) / beam.planes_to_detector[row]
                 if not _ray(slope_u, slope_v, beam, nodes, voxels, sums):
                     continue
                 for channel in range(channels):

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Unpack
 
 from mammosim.compression import CompressedBreast
 from mammosim.config import documents_keys, given_settings, to_settings
 from mammosim.geometry import Gantry
 from mammosim.projection.channels import Channels, channels_of
-from mammosim.projection.detector_field import place_detector
-from mammosim.projection.feasible import check_arc, check_memory
+from mammosim.projection.detector_field import place_detector, turned
+from mammosim.projection.feasible import check_arc, check_gap, check_memory
 from mammosim.projection.keys import ProjectionKeys, TomosynthesisKeys
 from mammosim.projection.paths import PathLengths
 from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
@@ -29,7 +29,7 @@ class Arc:
     ----------
     squeezed : CompressedBreast
     gantries : tuple of Gantry
-        One a projection, with one detector.
+        One per projection, with one detector.
     settings : TomosynthesisSettings
     notes : tuple of str
         Warnings, one sentence each.
@@ -94,7 +94,8 @@ def project_arc(
     Notes
     -----
     The focal spot is at ``y = y0 + (SID - h) sin(angle)`` and ``SID - (1 - cos(angle)) (SID - h)``
-    above the detector, h being the pivot's height. Breast and detector do not move.
+    above the detector plane, h being the pivot's height. The breast does not move; the detector
+    stays too, or turns about the pivot in proportion to the tube.
     """
     settings = given_settings(ProjectionSettings, settings, keys, "project_arc")
     if isinstance(tomosynthesis, TomosynthesisSettings):
@@ -107,5 +108,6 @@ def project_arc(
     upright, notes = place_detector(squeezed, mapped, settings, sweep)
     shape = upright.rows, upright.columns
     check_memory(settings, shape, len(channels), sweep.projections)
-    gantries = tuple(replace(upright, tube_angle_deg=angle) for angle in sweep.angles_deg)
+    gantries = tuple(turned(upright, angle, sweep) for angle in sweep.angles_deg)
+    check_gap(gantries)
     return Arc(squeezed, gantries, sweep, mapped, channels, settings, notes)

@@ -126,7 +126,7 @@ def cast_shadow(
         As `place_detector`, but for the detector's format.
     """
     gantry, corners = _tissue_over(squeezed, voxel_map(squeezed), settings, arc)
-    return _shadow(corners, gantry, arc.angles_deg)
+    return _shadow(corners, gantry, arc)
 
 
 def _shadow_and_end(
@@ -137,9 +137,9 @@ def _shadow_and_end(
 ) -> tuple[Gantry, Shadow, tuple[float, float] | None]:
     """A gantry without a detector's size, the shadow to hold, and where the body goes on."""
     gantry, corners = _tissue_over(squeezed, mapped, settings, arc)
-    shadow = _shadow(corners, gantry, arc.angles_deg if arc else (0.0,))
+    shadow = _shadow(corners, gantry, arc)
     if arc and not fitting_format(shadow, settings):
-        shadow = _shadow(corners, gantry, (0.0,))
+        shadow = _shadow(corners, gantry)
     end = open_end_mm(squeezed, gantry)
     if end is not None:
         shadow = _up_to(shadow, *end)
@@ -208,24 +208,32 @@ def _focal_spot_y(y_mm: np.ndarray, settings: ProjectionSettings) -> float:
     return 0.0 if low <= 0.0 <= high else 0.5 * (low + high)
 
 
-def _shadow(corners_mm: np.ndarray, gantry: Gantry, angles_deg: tuple[float, ...]) -> Shadow:
+def turned(upright: Gantry, angle_deg: float, arc: TomosynthesisSettings) -> Gantry:
+    """A gantry with its tube turned by an angle, and its detector as the arc's settings say."""
+    behind = arc.detector_angle_deg(angle_deg)
+    return replace(upright, tube_angle_deg=angle_deg, detector_angle_deg=behind)
+
+
+def _shadow(
+    corners_mm: np.ndarray, upright: Gantry, arc: TomosynthesisSettings | None = None
+) -> Shadow:
     """Shadow of points (n, 3), gantry frame, over all the angles of the tube."""
     low, high, width = [], [], []
-    for angle in angles_deg:
-        turned = replace(gantry, tube_angle_deg=angle)
-        spot = turned.focal_spot_mm
-        if corners_mm[:, 2].max() >= spot[2]:
-            missing = float(corners_mm[:, 2].max() - spot[2])
+    for angle in arc.angles_deg if arc else (0.0,):
+        gantry = turned(upright, angle, arc) if arc else upright
+        points, spot = gantry.detector_from_gantry(corners_mm), gantry.focal_spot_above_detector_mm
+        if points[:, 2].max() >= spot[2]:
+            missing = float(points[:, 2].max() - spot[2])
             raise InputError(
                 f"projection.source_to_detector_mm: found {gantry.source_to_detector_mm:g}, "
                 f"expected more than {gantry.source_to_detector_mm + missing:.1f}: "
                 f"the focal spot must be above the breast"
             )
-        scale = turned.focal_spot_height_mm / (spot[2] - corners_mm[:, 2])
-        y = spot[1] + (corners_mm[:, 1] - spot[1]) * scale
+        scale = gantry.focal_spot_height_mm / (spot[2] - points[:, 2])
+        y = spot[1] + (points[:, 1] - spot[1]) * scale
         low.append(y.min())
         high.append(y.max())
-        width.append((corners_mm[:, 0] * scale).max())
+        width.append((points[:, 0] * scale).max())
     return Shadow(float(min(low)), float(max(high)), float(max(width)))
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 
 from mammosim.compression import CompressedBreast
 from mammosim.errors import InputError
+from mammosim.geometry import Gantry
 from mammosim.projection.coarse_copy import check_coarse_size
-from mammosim.projection.detector_field import formats_mm, pixels_of, place_detector
+from mammosim.projection.detector_field import formats_mm, pixels_of, place_detector, turned
 from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
 from mammosim.projection.voxel_map import voxel_map
 
@@ -87,6 +89,26 @@ def check_arc(arc: TomosynthesisSettings, settings: ProjectionSettings) -> None:
         )
 
 
+def check_gap(gantries: Sequence[Gantry]) -> None:
+    """Refuse a detector that would turn into the breast support.
+
+    Raises
+    ------
+    InputError
+        With the angle, and what the detector would need.
+    """
+    for gantry in gantries:
+        ends = gantry.detector_mm([-0.5, gantry.rows - 0.5], [0.0, 0.0])
+        if ends[:, 2].max() >= 0.0:
+            needed = float(ends[:, 2].max()) + gantry.support_to_detector_mm
+            raise InputError(
+                f"dbt.detector_angle_range_deg: found one that turns the detector by "
+                f"{gantry.detector_angle_deg:g} degrees, whose edge then reaches the breast "
+                f"support; expected less, or projection.support_to_detector_mm above {needed:.1f} "
+                f"(found {gantry.support_to_detector_mm:g})"
+            )
+
+
 def check_shadow(
     compressed: CompressedBreast,
     settings: ProjectionSettings,
@@ -105,10 +127,13 @@ def check_shadow(
     Raises
     ------
     InputError
-        If there would be no breast in the picture, or the focal spot is not above it.
+        If there would be no breast in the picture, the focal spot is not above it, or a detector
+        that turns meets the breast support.
     """
     coarse = settings.model_copy(update={"pixel_mm": 1.0})
-    _, notes = place_detector(compressed, voxel_map(compressed), coarse, arc)
+    upright, notes = place_detector(compressed, voxel_map(compressed), coarse, arc)
+    if arc is not None:
+        check_gap([turned(upright, angle, arc) for angle in arc.angles_deg])
     return notes
 
 

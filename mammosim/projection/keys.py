@@ -45,8 +45,9 @@ class TomosynthesisKeys(TypedDict, total=False):
     """Compression view in which the projections are taken."""
 
     system: Literal["like-dimensions", "like-senoclaire", "like-inspiration"] | None
-    """Arc, number and pivot like those of a clinical system: like-dimensions (15 degrees, 15
-    projections), like-senoclaire (25, 9) or like-inspiration (50, 25); keys beside it win."""
+    """Arc, number, pivot and detector's turn like those of a clinical system: like-dimensions (15
+    degrees, 15 projections, its detector turns by 4.2), like-senoclaire (25, 9) or like-inspiration
+    (50, 25); keys beside it win."""
 
     angle_range_deg: float
     """Angle between the first and the last position of the tube, degrees, half on each side.
@@ -58,6 +59,10 @@ class TomosynthesisKeys(TypedDict, total=False):
 
     pivot_to_detector_mm: float
     """Height of the pivot above the detector plane, mm. Default: 50.0."""
+
+    detector_angle_range_deg: float
+    """Angle by which the detector turns about the same pivot while the tube turns by its own range,
+    in the same sense, degrees; 0 for one that stays where it is. Default: 0.0."""
 
     shares: Sequence[float] | None
     """Tube load of each projection relative to the others, in the order of their angles; left out:

@@ -68,18 +68,19 @@ class ProjectionSettings(Settings):
 class TomosynthesisSettings(Settings):
     """A view taken as a series of projections: how the tube moves while the breast is held.
 
-    The tube turns about an axis parallel to x; the detector stays where it is. Pivot, range and
-    number are by default those of FDA's VICTRE trial (Badano et al. 2018, JAMA Netw Open
-    1(7):e185474; `rotation_axis_distance` 60 cm of 65 cm in DIDSR/VICTRE_PIPELINE), which
-    replicates a Siemens Mammomat Inspiration.
+    The tube turns about an axis parallel to x; the detector stays where it is, or turns with it by
+    a smaller angle. Pivot, range and number are by default those of FDA's VICTRE trial (Badano et
+    al. 2018, JAMA Netw Open 1(7):e185474; `rotation_axis_distance` 60 cm of 65 cm in
+    DIDSR/VICTRE_PIPELINE), which replicates a Siemens Mammomat Inspiration.
     """
 
     view: Literal["CC", "MLO", "ML"]
     """Compression view in which the projections are taken."""
 
     system: Annotated[str, AfterValidator(_system), _NAMES_OF_SYSTEMS] | None = None
-    """Arc, number and pivot like those of a clinical system: like-dimensions (15 degrees, 15
-    projections), like-senoclaire (25, 9) or like-inspiration (50, 25); keys beside it win."""
+    """Arc, number, pivot and detector's turn like those of a clinical system: like-dimensions (15
+    degrees, 15 projections, its detector turns by 4.2), like-senoclaire (25, 9) or like-inspiration
+    (50, 25); keys beside it win."""
 
     angle_range_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 50.0
     """Angle between the first and the last position of the tube, degrees, half on each side."""
@@ -89,6 +90,11 @@ class TomosynthesisSettings(Settings):
 
     pivot_to_detector_mm: Annotated[float, Field(ge=0.0, le=300.0)] = 50.0
     """Height of the pivot above the detector plane, mm."""
+
+    # 4.2 of 15 degrees on Hologic's systems; Siemens' and GE's detectors stay (see systems.py).
+    detector_angle_range_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 0.0
+    """Angle by which the detector turns about the same pivot while the tube turns by its own range,
+    in the same sense, degrees; 0 for one that stays where it is."""
 
     shares: tuple[Annotated[float, Field(gt=0.0, le=1e6)], ...] | None = None
     """Tube load of each projection relative to the others, in the order of their angles; left
@@ -116,6 +122,21 @@ class TomosynthesisSettings(Settings):
                 f"{self.projections} projections"
             )
         return self
+
+    @model_validator(mode="after")
+    def _detector_behind_the_tube(self) -> Self:
+        if self.detector_angle_range_deg > self.angle_range_deg:
+            raise ValueError(
+                f"detector_angle_range_deg: found {self.detector_angle_range_deg:g}, expected at "
+                f"most angle_range_deg, {self.angle_range_deg:g}: the detector turns with the tube"
+            )
+        return self
+
+    def detector_angle_deg(self, tube_angle_deg: float) -> float:
+        """Angle of the detector while the tube is at another, degrees."""
+        if self.detector_angle_range_deg == 0.0:
+            return 0.0
+        return tube_angle_deg * self.detector_angle_range_deg / self.angle_range_deg
 
     @property
     def angles_deg(self) -> tuple[float, ...]:

@@ -120,17 +120,17 @@ def _beam(gantry: Gantry, mapped: VoxelMap) -> Beam:
     frame = mapped.frame
     origin = frame.origin_mm - [gantry.detector_edge_mm, 0.0, gantry.support_z_mm]
     spot = (gantry.focal_spot_mm - origin) / frame.spacing_mm
-    detector_k = (-gantry.support_to_detector_mm - origin[2]) / frame.spacing_mm[2]
-    column_x = gantry.detector_xy_mm(np.zeros(gantry.columns), np.arange(gantry.columns))[:, 0]
-    row_y = gantry.detector_xy_mm(np.arange(gantry.rows), np.zeros(gantry.rows))[:, 1]
+    column_x = gantry.detector_mm(np.zeros(gantry.columns), np.arange(gantry.columns))[:, 0]
+    row = gantry.detector_mm(np.arange(gantry.rows), np.zeros(gantry.rows))
+    detector_k = float(row[:, 2].min() - origin[2]) / frame.spacing_mm[2]
     return Beam(
         float(spot[0]),
         float(spot[1]),
         float(spot[2]),
-        float(gantry.focal_spot_height_mm / frame.spacing_mm[2]),
+        (gantry.focal_spot_mm[2] - row[:, 2]) / frame.spacing_mm[2],
         max(0, math.ceil(detector_k)),
         np.asarray(frame.spacing_mm, dtype=np.float64),
-        (row_y - origin[1]) / frame.spacing_mm[1],
+        (row[:, 1] - origin[1]) / frame.spacing_mm[1],
         (column_x - origin[0]) / frame.spacing_mm[0],
     )
 

@@ -10,15 +10,18 @@ from mammosim.reconstruction.reconstruct import (
 )
 from mammosim.reconstruction.rtk import load_rtk
 from mammosim.reconstruction.settings import ReconstructionSettings, SeriesSettings
+from mammosim.reconstruction.synthetic import METHOD, Synthetic, synthetic_mammogram
 from mammosim.reconstruction.volume import Box, VolumeGrid, box_above, volume_grid
 
 __all__ = [
+    "METHOD",
     "Box",
     "Reconstruction",
     "ReconstructionKeys",
     "ReconstructionSettings",
     "SeriesKeys",
     "SeriesSettings",
+    "Synthetic",
     "VolumeGrid",
     "box_above",
     "check_reconstruction",
@@ -26,5 +29,6 @@ __all__ = [
     "reconstruct",
     "reconstruction_gb",
     "reconstruction_seconds",
+    "synthetic_mammogram",
     "volume_grid",
 ]

@@ -16,6 +16,7 @@ from mammosim.projection import installed_memory
 from mammosim.reconstruction.keys import ReconstructionKeys
 from mammosim.reconstruction.rtk import load_rtk, reconstruct_by_rtk
 from mammosim.reconstruction.settings import ReconstructionSettings
+from mammosim.reconstruction.synthetic import Synthetic, synthetic_mammogram
 from mammosim.reconstruction.volume import Box, VolumeGrid, box_above, volume_grid
 
 BYTES_PER_VOXEL = {"fdk": 16, "sart": 12}
@@ -50,12 +51,15 @@ class Reconstruction:
     gantry : Gantry
         Of the projection nearest to the upright tube; it places the volume in the breast.
     settings : ReconstructionSettings
+    synthetic : Synthetic or None
+        The picture made of the slices, where `synthetic_2d` asks for one.
     """
 
     slices: NDArray[np.float32]
     grid: VolumeGrid
     gantry: Gantry
     settings: ReconstructionSettings
+    synthetic: Synthetic | None = None
 
     @property
     def shown_range(self) -> tuple[float, float]:
@@ -119,7 +123,12 @@ def reconstruct(
     volume = reconstruct_by_rtk(
         _line_integrals(series, used), series.gantries, used, grid, settings
     )
-    return Reconstruction(np.ascontiguousarray(volume.transpose(0, 2, 1)), grid, gantry, settings)
+    slices = np.ascontiguousarray(volume.transpose(0, 2, 1))
+    del volume
+    synthetic = None
+    if settings.synthetic_2d:
+        synthetic = synthetic_mammogram(slices, grid.slice_mm, grid.pixel_mm)
+    return Reconstruction(slices, grid, gantry, settings, synthetic)
 
 
 def check_reconstruction(pixels: int, voxels: int, settings: ReconstructionSettings) -> None:

@@ -253,21 +253,24 @@ def _geometry(itk: Any, rtk: Any, gantries: Sequence[Gantry], box: Box, grid: Vo
     geometry = rtk.ThreeDCircularProjectionGeometry.New()
     for gantry in gantries:
         spot = _in_rtk(gantry.focal_spot_mm, grid)
-        corner = _in_rtk(_pixel_mm(gantry, box.first_row, box.first_column), grid)
-        added = geometry.AddProjection(
-            _point(itk, spot), _point(itk, corner), _vector(itk, (1, 0, 0)), _vector(itk, (0, 1, 0))
+        corner, down, right = (
+            _in_rtk(gantry.detector_mm(box.first_row + row, box.first_column + column), grid)
+            for row, column in ((0, 0), (1, 0), (0, 1))
         )
+        # Rounded, so that a detector that lies flat does so for RTK too.
+        along_rows, along_columns = (
+            np.round(way / gantry.pixel_mm, 9) for way in (down - corner, right - corner)
+        )
+        added = geometry.AddProjection(
+            _point(itk, spot), _point(itk, corner), _vector(itk, along_rows),
+            _vector(itk, along_columns),
+        )  # fmt: skip
         if not added:
             raise InputError(
                 f"dbt: found a tube angle of {gantry.tube_angle_deg:g} degrees, expected one from "
                 "which the focal spot is above the detector"
             )
     return geometry
-
-
-def _pixel_mm(gantry: Gantry, row: int, column: int) -> NDArray[np.float64]:
-    """Centre of a detector pixel in the gantry frame, mm."""
-    return np.append(gantry.detector_xy_mm(row, column), -gantry.support_to_detector_mm)
 
 
 def _projections(itk: Any, attenuation: NDArray[np.float32], gantry: Gantry) -> Any:
@@ -324,7 +327,7 @@ def _point(itk: Any, place: NDArray[np.float64]) -> Any:
     return point
 
 
-def _vector(itk: Any, direction: tuple[int, int, int]) -> Any:
+def _vector(itk: Any, direction: NDArray[np.float64]) -> Any:
     vector = itk.Vector[itk.D, 3]()
     for axis in range(3):
         vector[axis] = float(direction[axis])

@@ -31,6 +31,19 @@ class ReconstructionSettings(Settings):
     hann: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
     """Cut-off of `fdk`'s Hann window, share of the Nyquist frequency; 0 leaves the bare ramp."""
 
+    synthetic_2d: bool = False
+    """Whether a synthetic two-dimensional picture is made of the slices (of `sart`). It is
+    mammosim's own, no manufacturer's."""
+
+    @model_validator(mode="after")
+    def _synthetic_of_known_values(self) -> Self:
+        if self.synthetic_2d and self.method != "sart":
+            raise ValueError(
+                f"synthetic_2d: found true with method: {self.method}, whose values are relative "
+                "to the neighbourhood; expected method: sart"
+            )
+        return self
+
 
 class SeriesSettings(TomosynthesisSettings):
     """A view taken as a series of projections, and the slices that are reconstructed from it."""

@@ -100,7 +100,8 @@ def volume_grid(
     Parameters
     ----------
     gantry : Gantry
-        Of any projection of the series; its detector bounds rows and columns.
+        Of any projection of the series; its detector, with the tube upright, bounds rows and
+        columns.
     thickness_mm : float
         Distance between support and paddle, mm.
     slice_mm : float
@@ -163,11 +164,10 @@ def box_above(gantry: Gantry, shadow: Box, thickness_mm: float) -> Box:
         return Box(0, gantry.rows, 0, gantry.columns)
     rows = np.array([shadow.first_row, shadow.end_row]) - 0.5
     columns = np.array([shadow.first_column, shadow.end_column]) - 0.5
-    edges = gantry.detector_xy_mm(rows[:, None], columns).reshape(-1, 2)
-    spot, height = gantry.focal_spot_mm[:2], gantry.focal_spot_height_mm
-    heights = np.array([0.0, thickness_mm]) + gantry.support_to_detector_mm
-    above = (edges + share * (spot - edges) for share in heights / height)
-    place = np.concatenate([gantry.pixel_of(x_mm, y_mm) for x_mm, y_mm in (p.T for p in above)])
+    edges, spot = gantry.detector_mm(rows[:, None], columns).reshape(-1, 3), gantry.focal_spot_mm
+    shares = ((height - edges[:, 2:]) / (spot[2] - edges[:, 2:]) for height in (0.0, thickness_mm))
+    above = (edges + share * (spot - edges) for share in shares)
+    place = np.concatenate([gantry.pixel_of(x_mm, y_mm) for x_mm, y_mm, _ in (p.T for p in above)])
     low, high = np.floor(place.min(axis=0) + 0.5), np.ceil(place.max(axis=0) + 0.5)
     low, high = np.maximum(low, 0).astype(int), high.astype(int)
     return Box(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mammosim.reconstruction import Reconstruction
+from mammosim.reconstruction import Reconstruction, Synthetic
 from mammosim.report.figures import block_means, jpeg_data_uri
 from mammosim.report.hanging import ReportedView, targets_of
 from mammosim.targets import Target
@@ -35,7 +35,8 @@ def slice_stacks(views: Sequence[ReportedView], targets: Sequence[Target]) -> li
     Returns
     -------
     list of dict
-        Plain values: name, text, size in pixels of the slices, pictures, heights in mm and marks.
+        Plain values: name, text, size in pixels of the slices, pictures, heights in mm and marks;
+        the synthetic picture, empty where there is none.
     """
     stacks = []
     for view in views:
@@ -55,11 +56,12 @@ def _stack(volume: Reconstruction, name: str, rows_of_view: Sequence[Target]) ->
         pixels = block_means(volume.slices[number], factor)
         grey = np.rint(np.interp(pixels, [low, high], [0.0, 255.0]))
         frames.append(jpeg_data_uri(grey.astype(np.uint8)))
-    method = volume.settings.method.upper()
+    method, made = volume.settings.method.upper(), volume.synthetic
     return {
         "name": name,
         "text": f"{slices} slices of {volume.grid.slice_mm:g} mm by {method}"
         + (f", 1 in {step} shown" if step > 1 else ""),
+        "synthetic": "" if made is None else _synthetic_uri(made, factor),
         "columns": columns,
         "rows": rows,
         "frames": frames,
@@ -72,6 +74,11 @@ def _stack(volume: Reconstruction, name: str, rows_of_view: Sequence[Target]) ->
             if target.kind != "nipple" and math.isfinite(target.volume_slice)
         ],
     }
+
+
+def _synthetic_uri(made: Synthetic, factor: int) -> str:
+    grey = np.rint(block_means(made.pixels, factor) * (255.0 / 4095.0))
+    return jpeg_data_uri(grey.astype(np.uint8))
 
 
 def _mark(target: Target, volume: Reconstruction) -> dict[str, Any]:

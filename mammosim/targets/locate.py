@@ -59,8 +59,7 @@ class Sight:
     def ray_mm(self, height_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 3) points of the ray at heights (n,) above the support, gantry frame, mm."""
         gantry, spot = self.gantry, self.gantry.focal_spot_mm
-        x, y = gantry.detector_xy_mm(self.row, self.column)
-        pixel = np.array([x, y, -gantry.support_to_detector_mm])
+        pixel = gantry.detector_mm(self.row, self.column)
         share = (spot[2] - height_mm) / (spot[2] - pixel[2])
         points: NDArray[np.float64] = spot + share[:, None] * (pixel - spot)
         return points

@@ -55,11 +55,11 @@ def crossed_lengths(planes, start, direction):
     return cells
 
 
-def gantry(rows=60, columns=60, pixel_mm=1.0, gap_mm=15.0):
-    """A small detector at the chest wall."""
+def gantry(rows=60, columns=60, pixel_mm=1.0, gap_mm=15.0, **turned):
+    """A small detector at the chest wall; `turned` has angles of tube and detector."""
     return Gantry(
         View("CC", "L"), 0.0, 0.0, 650.0, gap_mm, 0.0, pixel_mm, rows, columns,
-        -0.5 * rows * pixel_mm,
+        -0.5 * rows * pixel_mm, **turned,
     )  # fmt: skip
 
 
@@ -163,7 +163,7 @@ def electrons_that_scatter(energy_kev, cosine, density_g_cm3, mass_fraction):
 
 
 def single_scatter(case, centre_mm, volume_mm3, cells_mm, energy_kev):
-    """Energy per mm2 that a point-like scatterer sends to points (x, y) of the detector.
+    """Energy per mm2 that a point-like scatterer sends to points (x, y, z) of the detector.
 
     Thomson's and Klein and Nishina's cross-sections with form factors of xraylib and
     `electrons_that_scatter`, for a fluence of one photon per mm2 on the detector's plane;
@@ -187,9 +187,11 @@ def single_scatter(case, centre_mm, volume_mm3, cells_mm, energy_kev):
         for s in halves
     ]
     electrons_barn = 0.0794078  # classical electron radius squared, barn (CODATA)
+    angle = np.radians(case.gantry.detector_angle_deg)
+    down = -np.array([0.0, np.sin(angle), np.cos(angle)])
     image = np.zeros(cells_mm.shape[:-1])
     for place in np.ndindex(image.shape):
-        away = np.array([*cells_mm[place], -case.gantry.support_to_detector_mm]) - centre
+        away = cells_mm[place] - centre
         far = np.linalg.norm(away)
         cosine = float(away @ axis / far)
         ratio = 1.0 / (1.0 + energy_kev / 510.999 * (1.0 - cosine))
@@ -204,6 +206,6 @@ def single_scatter(case, centre_mm, volume_mm3, cells_mm, energy_kev):
         thomson = 0.5 * electrons_barn * (1.0 + cosine**2)
         per_sr = (compton * kn * ratio + rayleigh * thomson) * energy_kev  # keV cm2/(g sr)
         grams = gland.density_g_cm3 * volume_mm3 * 1e-3
-        solid = -away[2] / far**3  # sr per mm2 of the detector's plane
+        solid = away @ down / far**3  # sr per mm2 of the detector's plane
         image[place] = fluence * per_sr * 100.0 * grams * solid
     return image

@@ -124,8 +124,19 @@ def deformed_projection(breast_squeezed, gantry):
 
 def _ray(gantry, row, column):
     """Focal spot and pixel centre in the gantry frame (2, 3)."""
-    x, y = gantry.detector_xy_mm(row, column)
-    return np.array([gantry.focal_spot_mm, [x, y, -gantry.support_to_detector_mm]])
+    return np.array([gantry.focal_spot_mm, turned_pixel(gantry, row, column)])
+
+
+def turned_pixel(gantry, row, column):
+    """Pixel centres (..., 3) of a detector that was turned about the pivot, gantry frame."""
+    flat = gantry.detector_xy_mm(row, column)
+    arm = np.stack([flat[..., 1] - gantry.focal_spot_y_mm,
+                    np.full(flat.shape[:-1], -gantry.pivot_to_detector_mm)], -1)  # fmt: skip
+    angle = np.radians(gantry.detector_angle_deg)
+    # From +z towards +y, as the tube turns.
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    pivot = [gantry.focal_spot_y_mm, gantry.pivot_to_detector_mm - gantry.support_to_detector_mm]
+    return np.concatenate([flat[..., :1], arm @ turn.T + pivot], axis=-1)
 
 
 def _bilinear(inverse, plane, point):

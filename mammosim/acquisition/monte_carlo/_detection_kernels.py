@@ -8,10 +8,21 @@ from mammosim._jit import kernel
 from mammosim.acquisition.monte_carlo._flight_kernels import DETECTED, F32, F64, Ray
 
 
+class Turn(NamedTuple):
+    """From the gantry's frame to the detector's: x stays, ``v = cosine y - sine z + y_mm`` and
+    ``w = sine y + cosine z + z_mm``; there the detector lies flat."""
+
+    cosine: float
+    sine: float
+    y_mm: float
+    z_mm: float
+
+
 class Screen(NamedTuple):
     """Where scatter is scored: cells in the image's order on the detector's plane.
 
-    A photon at x, y is in row ``row_0 + row_y y`` and column ``column_0 + column_x x``.
+    All in the detector's frame, to which `turn` leads: a photon at x, v is in row
+    ``row_0 + row_y v`` and column ``column_0 + column_x x``.
     `response` [energy, cosine] is the part of its energy that is recorded, `grid` [energy, cosine,
     tangent] the grid's transmission; its strips run along x if `along_x` else along y, and are
     focused on `spot`.
@@ -27,6 +38,7 @@ class Screen(NamedTuple):
     largest_tangent: float
     along_x: bool
     spot: F64
+    turn: Turn
 
 
 @kernel
@@ -41,6 +53,9 @@ def score_at_screen(
 ) -> None:
     """Add a photon that leaves the scene downwards to the cell of the detector that it meets."""
     x, y, z, dx, dy, dz = ray
+    turn = screen.turn
+    y, z = turn.cosine * y - turn.sine * z + turn.y_mm, turn.sine * y + turn.cosine * z + turn.z_mm
+    dy, dz = turn.cosine * dy - turn.sine * dz, turn.sine * dy + turn.cosine * dz
     if dz >= 0.0:
         return
     down = (screen.z - z) / dz

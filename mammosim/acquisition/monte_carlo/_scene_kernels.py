@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim._jit import kernel
+from mammosim.acquisition.monte_carlo._detection_kernels import Turn
 from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS, MIXTURE_BITS
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: spreads keys over the table
@@ -16,13 +17,16 @@ _EMPTY = np.uint64(0xFFFFFFFFFFFFFFFF)
 
 
 class Field(NamedTuple):
-    """Grid of the breast (lowest corner and spacing), focal spot, and the field's bounds, mm."""
+    """Grid of the breast (lowest corner and spacing); focal spot, detector and the field's bounds
+    in the detector's frame, to which `turn` leads. All in mm.
+    """
 
     origin: NDArray[np.float64]
     spacing: NDArray[np.float64]
     spot: NDArray[np.float64]
     detector_z: float
     bounds: NDArray[np.float64]
+    turn: Turn
 
 
 @kernel
@@ -45,6 +49,7 @@ def pack_voxels(
     nx, ny, nz = shares.shape
     found = 0
     mask = np.uint64(table.size - 1)
+    turn = field.turn
     for i in range(nx):
         x = field.origin[0] + (i + 0.5) * field.spacing[0]
         for j in range(ny):
@@ -55,9 +60,11 @@ def pack_voxels(
                     out_words[i, j, k] = np.uint32(DENSITY_STEPS) << MIXTURE_BITS
                     continue
                 z = field.origin[2] + (k + 0.5) * field.spacing[2]
-                far = (field.spot[2] - field.detector_z) / (field.spot[2] - z)
+                across = turn.cosine * y - turn.sine * z + turn.y_mm
+                above = turn.sine * y + turn.cosine * z + turn.z_mm
+                far = (field.spot[2] - field.detector_z) / (field.spot[2] - above)
                 u = field.spot[0] + (x - field.spot[0]) * far
-                v = field.spot[1] + (y - field.spot[1]) * far
+                v = field.spot[1] + (across - field.spot[1]) * far
                 inside = field.bounds[0] <= u <= field.bounds[1]
                 if not (inside and field.bounds[2] <= v <= field.bounds[3]):
                     key |= _OUTSIDE

@@ -15,7 +15,7 @@ import numpy as np
 
 from mammosim._jit import Thread, inlined_kernel, kernel, parallel_kernel, share
 from mammosim.acquisition.monte_carlo._collision_kernels import Sections, collide, turned
-from mammosim.acquisition.monte_carlo._detection_kernels import Screen, score_at_screen
+from mammosim.acquisition.monte_carlo._detection_kernels import Screen, Turn, score_at_screen
 from mammosim.acquisition.monte_carlo._flight_kernels import (
     EMITTED,
     ESCAPED,
@@ -44,13 +44,16 @@ _DEEPEST = 3.0  # optical depth that counts at most: who lives on grows no heavi
 class Source(NamedTuple):
     """The focal spot and the field on the detector's plane, from which photons are drawn.
 
-    `row_edge` (y) and `column_edge` (x) divide the field into cells; `row_sum` (rows,) and
-    `column_sum` [row, column] are the cumulated probabilities of drawing each; `cell_weight` the
-    true share of photons over that probability. `energy_sum` (bins,) is cumulated likewise, and
-    `energy_weight` [column or 1, bin] the true photons over it.
+    `spot` is in the gantry's frame; `spot_above` and the field are in the detector's, to which
+    `turn` leads. `row_edge` (y) and `column_edge` (x) divide the field into cells; `row_sum`
+    (rows,) and `column_sum` [row, column] are the cumulated probabilities of drawing each;
+    `cell_weight` the true share of photons over that probability. `energy_sum` (bins,) is cumulated
+    likewise, and `energy_weight` [column or 1, bin] the true photons over it.
     """
 
     spot: F64
+    spot_above: F64
+    turn: Turn
     detector_z: float
     row_edge: F64
     column_edge: F64
@@ -134,10 +137,12 @@ def _emit(
         source.column_edge[column + 1] - source.column_edge[column]
     )
     energy = interval(source.energy_sum, place[2])
-    dx, dy = x - source.spot[0], y - source.spot[1]
-    dz = source.detector_z - source.spot[2]
-    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-    cosine = -dz / distance
+    dx, dv = x - source.spot_above[0], y - source.spot_above[1]
+    dw = source.detector_z - source.spot_above[2]
+    distance = math.sqrt(dx * dx + dv * dv + dw * dw)
+    cosine = -dw / distance
+    turn = source.turn
+    dy, dz = turn.cosine * dv + turn.sine * dw, turn.cosine * dw - turn.sine * dv
     weight = source.cell_weight[row, column] * cosine**3
     weight *= source.energy_weight[min(column, source.energy_weight.shape[0] - 1), energy]
     down = (source.spot[2] - space.z[-1]) / -dz

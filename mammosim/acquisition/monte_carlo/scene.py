@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition.attenuation import BEAM_MATERIALS
+from mammosim.acquisition.monte_carlo._detection_kernels import Turn
 from mammosim.acquisition.monte_carlo._flight_kernels import (
     DENSITY_STEPS,
     MIXTURE_BITS,
@@ -174,8 +175,8 @@ def _pack(breast: CoarseBreast, gantry: Gantry, words: NDArray[np.uint32]) -> ND
     keys = np.empty(MAX_MIXTURES, np.uint64)
     bounds = np.array([0.0, gantry.x_max_mm, gantry.y_min_mm, gantry.y_max_mm])
     field = Field(
-        breast.origin_mm, breast.spacing_mm, gantry.focal_spot_mm,
-        -gantry.support_to_detector_mm, bounds,
+        breast.origin_mm, breast.spacing_mm, gantry.focal_spot_above_detector_mm,
+        -gantry.support_to_detector_mm, bounds, Turn(*gantry.detector_turn),
     )  # fmt: skip
     packed = np.empty(breast.shares.shape, np.uint32)
     found = pack_voxels(breast.shares, breast.density, field, 3, table, numbers, keys, packed)

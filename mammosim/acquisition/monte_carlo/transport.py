@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from mammosim.acquisition.detectors import Detector
 from mammosim.acquisition.monte_carlo._collision_kernels import Sections
-from mammosim.acquisition.monte_carlo._detection_kernels import Screen
+from mammosim.acquisition.monte_carlo._detection_kernels import Screen, Turn
 from mammosim.acquisition.monte_carlo._flight_kernels import DENSITY_STEPS, Plan
 from mammosim.acquisition.monte_carlo._random_kernels import Stream
 from mammosim.acquisition.monte_carlo._transport_kernels import Source, follow_photons
@@ -44,7 +44,7 @@ class Field:
     Parameters
     ----------
     row_y_mm, column_x_mm : ndarray of float64, (rows + 1,), (columns + 1,)
-        Gantry y and x of the cells' edges, mm.
+        y and x of the cells' edges in the detector frame, mm.
     importance : ndarray of float64, [row, column]
         Photons drawn per mm2, in any unit.
     """
@@ -101,17 +101,19 @@ def shadow_of(scene: Scene, gantry: Gantry, field: Field) -> NDArray[np.bool_]:
     x, y, z, words = scene.space
     shape = (x.size - 1, y.size - 1, z.size - 1)
     mixtures = mixture_of(words).reshape(shape)
-    spot, plane = gantry.focal_spot_mm, -gantry.support_to_detector_mm
-    v = 0.5 * (field.row_y_mm[1:] + field.row_y_mm[:-1])
+    spot, turn = gantry.focal_spot_mm, gantry.detector_turn
+    v = 0.5 * (field.row_y_mm[1:] + field.row_y_mm[:-1]) - turn.y_mm
     u = 0.5 * (field.column_x_mm[1:] + field.column_x_mm[:-1])
+    w = -gantry.support_to_detector_mm - turn.z_mm
+    row_y, row_z = turn.cosine * v + turn.sine * w, turn.cosine * w - turn.sine * v
     found = np.zeros((v.size, u.size), np.bool_)
     levels = scene.inner[2]
     for k in range(levels.start, levels.stop, 4):
-        near = (spot[2] - 0.5 * (z[k] + z[k + 1])) / (spot[2] - plane)
-        i = np.searchsorted(x, spot[0] + (u - spot[0]) * near) - 1
-        j = np.searchsorted(y, spot[1] + (v - spot[1]) * near) - 1
+        near = (spot[2] - 0.5 * (z[k] + z[k + 1])) / (spot[2] - row_z)
+        i = np.searchsorted(x, spot[0] + (u - spot[0]) * near[:, None]) - 1
+        j = np.searchsorted(y, spot[1] + (row_y - spot[1]) * near) - 1
         i, j = np.clip(i, 0, shape[0] - 1), np.clip(j, 0, shape[1] - 1)
-        found |= scene.tissue[mixtures[i[None, :], j[:, None], k]]
+        found |= scene.tissue[mixtures[i, j[:, None], k]]
     return found
 
 
@@ -254,9 +256,9 @@ def _source(
     likely = np.maximum(through * depth, _LEAST_DEPTH * energy_fluence)
     score = float(likely.sum() * drawn.sum() / field.importance.max())
     source = Source(
-        np.asarray(gantry.focal_spot_mm, np.float64), -gantry.support_to_detector_mm,
-        field.row_y_mm, field.column_x_mm, _cumulated(by_row), _cumulated(drawn),
-        area / probability, _cumulated(chosen), np.ascontiguousarray(weight),
+        gantry.focal_spot_mm, gantry.focal_spot_above_detector_mm, Turn(*gantry.detector_turn),
+        -gantry.support_to_detector_mm, field.row_y_mm, field.column_x_mm, _cumulated(by_row),
+        _cumulated(drawn), area / probability, _cumulated(chosen), np.ascontiguousarray(weight),
     )  # fmt: skip
     return source, score
 
@@ -305,7 +307,7 @@ def _screen(
     return Screen(
         -gantry.support_to_detector_mm, row_at, row_on - row_at, column_at, column_on - column_at,
         response, transmission, LARGEST_TANGENT, bool(grid.along_x) if grid else True,
-        np.asarray(gantry.focal_spot_mm, np.float64),
+        gantry.focal_spot_above_detector_mm, Turn(*gantry.detector_turn),
     )  # fmt: skip
 
 

@@ -65,7 +65,7 @@ def spectrum_of(case: ScatterCase, tables: PhotonTables) -> NDArray[np.float64]:
 
 def cell_grid(case: ScatterCase, margin: int) -> CellGrid:
     """The case's cells with a margin of so many on each side."""
-    spot = case.gantry.focal_spot_mm
+    spot = case.gantry.focal_spot_above_detector_mm
     row, column = (
         float(pixel + 0.5) / case.cell - 0.5 + margin
         for pixel in case.gantry.pixel_of(spot[0], spot[1])

@@ -223,6 +223,9 @@ def _warnings(config: RunConfig) -> list[str]:
             "compressed_thickness_mm": compression.thickness_mm,
             "tube_load_mas": view.acquisition.mas,
         }
+        sweep = view.tomosynthesis
+        if sweep is not None and view.acquisition.scatter_model != "monte-carlo":
+            given["unknown_dose_angle_deg"] = max(abs(angle) for angle in sweep.angles_deg)
         known = {name: value for name, value in given.items() if value is not None}
         texts = [str(doubt) for doubt in doubts(known)]
         if view.tomosynthesis is None:  # whose tube turns about a breast on the detector

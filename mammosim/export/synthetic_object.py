@@ -1,0 +1,117 @@
+"""The synthetic picture of slices as a Digital Mammography X-Ray Image object and as PNG."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from pydicom import Dataset
+from pydicom.sequence import Sequence
+from pydicom.uid import BreastProjectionXRayImageStorageForProcessing
+
+from mammosim.acquisition import Mammogram, Tomosynthesis
+from mammosim.export import dicom_modules as modules
+from mammosim.export.dicom import image_dataset
+from mammosim.export.identity import StudyIdentity
+from mammosim.export.pictures import write_preview
+from mammosim.export.settings import ExportSettings
+from mammosim.reconstruction import METHOD, Reconstruction
+
+SYNTHETIC = "synthetic_2d"
+"""Name of its files, without their endings."""
+
+COMMENT = (
+    "Simulated image. Synthetic 2-D picture computed by mammosim from its own slices; not a "
+    "radiograph, and not a manufacturer's method."
+)
+
+
+def write_synthetic(
+    folder: str | PathLike[str],
+    series: Tomosynthesis,
+    volume: Reconstruction,
+    settings: ExportSettings,
+    study: StudyIdentity,
+) -> None:
+    """Write ``synthetic_2d.dcm`` and ``synthetic_2d.png``; nothing where none was made.
+
+    Parameters
+    ----------
+    folder : path
+    series : Tomosynthesis
+    volume : Reconstruction
+    settings : ExportSettings
+    study : StudyIdentity
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    picture = _as_mammogram(series, volume)
+    if picture is None:
+        return
+    folder = Path(folder)
+    if settings.dicom:
+        dataset = synthetic_dataset(picture, study, settings)
+        modules.save_object(dataset, folder / f"{SYNTHETIC}.dcm")
+    if settings.png:
+        write_preview(picture, folder / f"{SYNTHETIC}.png")
+
+
+def _as_mammogram(series: Tomosynthesis, volume: Reconstruction) -> Mammogram | None:
+    """The picture with the technique, load and dose of all projections together."""
+    if volume.synthetic is None:
+        return None
+    grid, middle, pixels = volume.grid, series.middle, volume.synthetic.pixels
+    above = replace(
+        middle.gantry, pixel_mm=grid.pixel_mm, rows=grid.shape[1], columns=grid.shape[2]
+    )
+    whole = float(1 << modules.BITS_STORED["presentation"])
+    return replace(
+        middle, for_presentation=pixels, gantry=above, window_center=0.5 * whole,
+        window_width=whole, mas=series.mas, air_kerma_mgy=series.air_kerma_mgy,
+        dose_mgy=series.dose_mgy,
+    )  # fmt: skip
+
+
+def synthetic_dataset(
+    picture: Mammogram, study: StudyIdentity, settings: ExportSettings
+) -> Dataset:
+    """The picture as an image object For Presentation, of Image Type GENERATED_2D (PS3.3
+    C.8.11.7)."""
+    view = picture.gantry.view
+    filled = (
+        modules.identification(study, settings, "synthetic", view),
+        modules.image(study, "presentation", picture),
+        modules.detector(picture),
+        modules.positioning(picture),
+        modules.technique(picture),
+        modules.presentation(picture, study),
+        _own(picture, study),
+        modules.pixel_data(picture.for_presentation, modules.BITS_STORED["presentation"]),
+    )
+    return image_dataset(filled, "presentation", study.uid("image", view.folder, "synthetic"))
+
+
+def _own(picture: Mammogram, study: StudyIdentity) -> dict[str, Any]:
+    """What differs from a mammogram: what it was made of, and that rows and columns are a volume's,
+    all parallel, so that nothing is magnified."""
+    gantry = picture.gantry
+    spacing = modules.decimal_string(gantry.pixel_mm)
+    source = modules.source_image(study.uid("image", gantry.view.folder, "raw projections"))
+    source.ReferencedSOPClassUID = BreastProjectionXRayImageStorageForProcessing
+    source.SpatialLocationsPreserved = "NO"
+    return {
+        "ImageType": ["DERIVED", "PRIMARY", "TOMOSYNTHESIS", "GENERATED_2D"],
+        "SeriesDescription": modules.series_description(gantry.view, " synthetic 2D"),
+        "ImageComments": COMMENT,
+        "DerivationDescription": f"{modules.DERIVATION} Then slices: {METHOD}.",
+        "AcquisitionDeviceProcessingDescription": "Slices, thickness equalization, tone curve",
+        "SourceImageSequence": Sequence([source]),
+        "EstimatedRadiographicMagnificationFactor": "1",
+        "PixelSpacing": [spacing, spacing],
+        "PixelSpacingCalibrationDescription": "Of the reconstructed slices",
+    }
