@@ -93,7 +93,7 @@ def projections_dataset(
         {
             "ImageType": _image_type(intent),
             "PresentationIntentType": f"FOR {intent.upper()}",
-            "PositionerMotion": "DYNAMIC",
+            **_motion(series),
             "PositionerType": "MAMMOGRAPHIC",
             "PhotometricInterpretation": "MONOCHROME1" if raw else "MONOCHROME2",
             "PresentationLUTShape": "INVERSE" if raw else "IDENTITY",
@@ -120,6 +120,15 @@ def projections_dataset(
     dataset.PixelData = np.ascontiguousarray(pixels, "<u2").tobytes()
     set_identity(dataset, SOP_CLASS[intent], study.uid("image", view.folder, KIND[intent]))
     return dataset
+
+
+def _motion(series: Tomosynthesis) -> dict[str, str]:
+    """How tube and detector move, by Defined Terms of PS3.3 C.8.31.1.1: in steps."""
+    turns = any(gantry.detector_angle_deg for gantry in series.gantries)
+    return {
+        "PositionerMotion": "ROTATION_STEP" if len(series.gantries) > 1 else "STATIONARY",
+        "TypeOfDetectorMotion": "ROTATION_STEP" if turns else "STATIONARY",
+    }
 
 
 def logarithms(series: Tomosynthesis) -> NDArray[np.uint16]:

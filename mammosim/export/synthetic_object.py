@@ -87,7 +87,7 @@ def synthetic_dataset(
         modules.identification(study, settings, "synthetic", view),
         modules.image(study, "presentation", picture),
         modules.detector(picture),
-        modules.positioning(picture),
+        {**modules.positioning(picture), **_flat(picture)},
         modules.technique(picture),
         modules.presentation(picture, study),
         _own(picture, study),
@@ -96,22 +96,29 @@ def synthetic_dataset(
     return image_dataset(filled, "presentation", study.uid("image", view.folder, "synthetic"))
 
 
+def _flat(picture: Mammogram) -> dict[str, Any]:
+    """Rows and columns are a volume's, all parallel: nothing is magnified, from no distance."""
+    spacing = modules.decimal_string(picture.gantry.pixel_mm)
+    return {
+        "DistanceSourceToDetector": None,
+        "DistanceSourceToPatient": None,
+        "EstimatedRadiographicMagnificationFactor": "1",
+        "PixelSpacing": [spacing, spacing],
+        "PixelSpacingCalibrationDescription": "Of the reconstructed slices",
+    }
+
+
 def _own(picture: Mammogram, study: StudyIdentity) -> dict[str, Any]:
-    """What differs from a mammogram: what it was made of, and that rows and columns are a volume's,
-    all parallel, so that nothing is magnified."""
+    """What differs from a mammogram: its type, and what it was made of."""
     gantry = picture.gantry
-    spacing = modules.decimal_string(gantry.pixel_mm)
     source = modules.source_image(study.uid("image", gantry.view.folder, "raw projections"))
     source.ReferencedSOPClassUID = BreastProjectionXRayImageStorageForProcessing
     source.SpatialLocationsPreserved = "NO"
     return {
-        "ImageType": ["DERIVED", "PRIMARY", "TOMOSYNTHESIS", "GENERATED_2D"],
+        "ImageType": ["DERIVED", "PRIMARY", "", "GENERATED_2D"],
         "SeriesDescription": modules.series_description(gantry.view, " synthetic 2D"),
         "ImageComments": COMMENT,
         "DerivationDescription": f"{modules.DERIVATION} Then slices: {METHOD}.",
         "AcquisitionDeviceProcessingDescription": "Slices, thickness equalization, tone curve",
         "SourceImageSequence": Sequence([source]),
-        "EstimatedRadiographicMagnificationFactor": "1",
-        "PixelSpacing": [spacing, spacing],
-        "PixelSpacingCalibrationDescription": "Of the reconstructed slices",
     }
