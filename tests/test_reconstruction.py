@@ -67,7 +67,7 @@ def test_voxels_are_where_the_detector_sees_them(side):
 
 @pytest.mark.service
 @pytest.mark.parametrize("method", ["fdk", "sart"])
-@pytest.mark.parametrize(("side", "turn"), [("L", 0.0), ("R", 0.0), ("L", 0.28), ("R", 0.28)])
+@pytest.mark.parametrize(("side", "turn"), [("L", 0.0), ("R", 0.0), ("R", 0.28)])
 def test_clips_are_found_at_their_height(method, side, turn):
     """With a detector that stays, and one that turns as Hologic's does."""
     _needs_rtk()

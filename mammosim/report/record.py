@@ -26,7 +26,7 @@ Status = Literal["done", "not converged", "interrupted", "refused"]
 
 PACKAGES = (
     "numpy", "numba", "scipy", "pydicom", "highdicom", "spekpy", "xraylib",
-    "SimpleITK",
+    "SimpleITK", "itk-rtk",
 )  # fmt: skip
 """Distributions whose version decides a result or a file."""
 
