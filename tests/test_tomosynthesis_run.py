@@ -196,6 +196,13 @@ def test_a_series_twice_is_refused():
 def test_a_system_fills_what_is_left_out():
     (view,) = config({"dbt": {"view": "CC", "system": "like-senoclaire", "projections": 5}}).views
     assert (view.dbt.angle_range_deg, view.dbt.projections) == (25.0, 5)
+    assert view.dbt.detector_angle_range_deg == 0.0
+    hologic = {"view": "CC", "system": "like-dimensions"}
+    (turning, other) = (
+        config({"dbt": {**hologic, **keys}}).views[0].dbt for keys in ({}, {"angle_range_deg": 5})
+    )
+    assert turning.detector_angle_range_deg == 4.2
+    assert other.detector_angle_range_deg == pytest.approx(4.2 / 3.0)  # the same part of the arc
     (saved,) = config({"dbt": view.dbt.model_dump()}).views
     assert saved.dbt == view.dbt
 

@@ -112,7 +112,15 @@ class TomosynthesisSettings(Settings):
             value = {**value, "shares": tuple(value["shares"])}
         name = value.get("system")
         system = SYSTEMS.get(name) if isinstance(name, str) else None
-        return {**asdict(system), **value} if system else value
+        if system is None:
+            return value
+        filled = {**asdict(system), **value}
+        arc = value.get("angle_range_deg")
+        if "detector_angle_range_deg" not in value and isinstance(arc, int | float):
+            # Over another arc the detector turns by the same part of the tube's angle.
+            part = system.detector_angle_range_deg / system.angle_range_deg
+            filled["detector_angle_range_deg"] = part * float(arc)
+        return filled
 
     @model_validator(mode="after")
     def _one_share_a_projection(self) -> Self:
