@@ -42,7 +42,7 @@ SOP_CLASS = {
 _FIRST_SERIES = {
     "presentation": 1, "iodine": 61, "processing": 101, "high energy": 161, "state": 201,
     "segmentation": 301, "measurements": 401,
-    "slices": 11, "synthetic": 21,
+    "slices": 11, "synthetic": 51,
     "projections": 501, "raw projections": 511, "slice segmentation": 521,
 }  # fmt: skip
 
