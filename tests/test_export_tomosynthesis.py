@@ -80,6 +80,9 @@ def test_each_frame_has_the_detector_where_it_was(view):
     for groups, gantry, angle in zip(
         raw.PerFrameFunctionalGroupsSequence, series.gantries, (2.0, 0.0, -2.0), strict=True
     ):
+        beam = groups.DetectorPositionSequence[0]
+        # The tube at the patient's right, to which rows count up: the beam goes to lower rows.
+        assert float(beam.DetectorSecondaryAngle) == pytest.approx(4.0 * angle, abs=1e-6)
         place = groups.IsocenterReferenceSystemSequence[0]
         assert place.DetectorIsocenterPrimaryAngle == pytest.approx(angle)
         corner = np.array(place.DetectorActiveAreaTLHCPosition)

@@ -257,6 +257,10 @@ def _frame(series: Tomosynthesis, index: int, settings: ExportSettings) -> Datas
                     *(down - corner for down, corner in zip(down_column, first, strict=True)),
                 ],
             ),
+            "DetectorPositionSequence": sequence_of(
+                DetectorPrimaryAngle="0",
+                DetectorSecondaryAngle=decimal_string(_beam_towards_first_row_deg(gantry)),
+            ),
             "XRayAcquisitionDoseSequence": sequence_of(
                 KVP=decimal_string(series.middle.kvp),
                 ExposureInmAs=load,
@@ -270,6 +274,12 @@ def _frame(series: Tomosynthesis, index: int, settings: ExportSettings) -> Datas
             ),
         }
     )
+
+
+def _beam_towards_first_row_deg(gantry: Gantry) -> float:
+    """Angle of the beam, as it travels, with the detector's normal: towards lower rows."""
+    across = gantry.detector_angle_deg - gantry.tube_angle_deg  # towards +y
+    return 0.0 + (across if gantry.view.laterality == "L" else -across)
 
 
 def _about_isocenter(gantry: Gantry, row: float, column: float) -> list[float]:
