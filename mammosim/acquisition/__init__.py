@@ -7,8 +7,8 @@ from mammosim.acquisition.exposure_limits import magnified_doubts
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Dose, GlandularDose, Mammogram
 from mammosim.acquisition.named_files import check_acquisition
-from mammosim.acquisition.scatter import VOXEL_MM as SCATTER_VOXEL_MM
 from mammosim.acquisition.presentation import present
+from mammosim.acquisition.scatter import VOXEL_MM as SCATTER_VOXEL_MM
 from mammosim.acquisition.scatter import DoseMap
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.tomosynthesis import Tomosynthesis, expose_arc
