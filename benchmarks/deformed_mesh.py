@@ -21,7 +21,7 @@ from mammosim._jit import one_blas_thread
 from mammosim.compression.hyperelastic import Stages
 from mammosim.compression.hyperelastic._element_kernels import element_volumes
 from mammosim.compression.hyperelastic.mesh import Mesh
-from mammosim.compression.hyperelastic.tilt import level_paddle
+from mammosim.compression.hyperelastic.tilt import level_paddle, moment_nm
 from mammosim.compression.hyperelastic_model import body_between_plates
 from mammosim.compression.plates import Panel, Plates
 from mammosim.compression.settings import CompressionSettings
@@ -97,9 +97,9 @@ def compressed(
     state = stages.compress(plates)
     if settings.paddle and settings.paddle.tilt and settings.paddle.tilt.spring_nm_per_deg:
         spring, stop = settings.paddle.tilt.spring_nm_per_deg, settings.paddle.tilt.max_deg
-        found = level_paddle(stages, plates, state, spring, stop)
-        plates, state = found.plates, found.state
-        print(f"moment {found.moment_nm:.2f} N m at {plates.panel.tilt_deg:.2f} degrees")
+        plates, state, _ = level_paddle(stages, plates, state, spring, stop)
+        moment = moment_nm(stages, plates, state)
+        print(f"moment {moment:.2f} N m at {plates.panel.tilt_deg:.2f} degrees")
     print(f"{paddle}: converged {state.converged}, smallest J {state.value.smallest:.2f}")
     return Compressed(mesh, state.u, plates)
 

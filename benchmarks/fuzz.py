@@ -138,14 +138,14 @@ EVERYTHING: list[dict[str, Any]] = [
                     "lesions_from_labels": {"merge_mm": 2, "min_volume_mm3": 0.05}},
         "laterality": ["L", "R"],
         "compression": {"model": "none"},
-        "acquisition": {"noise_seed": 4, "realisations": 2, "grid": False},
+        "acquisition": {"noise_seed": 4, "grid": False},
         "projection": {"support_to_detector_mm": 290, "pixel_mm": 1.0},
-        "views": ["CC", {"dbt": {"view": "CC", "projections": 5, "angle_range_deg": 20,
+        "views": [{"view": "CC", "realisations": 2}, {"dbt": {"view": "CC", "projections": 5, "angle_range_deg": 20,
                                  "reconstruct": {"method": "sart", "slice_mm": 2}}}],
     },
     {
         "phantom": {"file": "mtype.txt", "labels": "numbers.yaml", "reduce": 2},
-        "compression": {"thickness_mm": 40, "stiffness_kpa": {"gland": 20}, "force_tolerance": 1},
+        "compression": {"thickness_mm": 40, "stiffness_kpa": {"gland": 20}, "force_tolerance": 0.1},
         "targets": {"biopsy": {"view": "same", "force_n": 80}, "uncertainty": {"samples": 10}},
         "views": [{"view": "MLO", "acquisition": {"mas": 60}, "thickness_mm": 50}],
     },
@@ -247,6 +247,8 @@ class Sound:
         self.run = _contents(folder / "run")
         self.breast = make_phantom(self.settings.phantom, self.settings.laterality)
         self.squeezed = compress(self.breast, "CC", model="none")
+        make_plan(config_of(EVERYTHING[0], SANDBOX, "warm.yaml"))
+        plan_cohort(load_cohort(CONFIGS / "cohort.yaml"))  # compiles what a check needs
         self.paths = project(self.squeezed, pixel_mm=2.0)
         self.shapes = _shapes(folder)
 

@@ -90,6 +90,12 @@ LIMITS: tuple[Limit, ...] = (
         "a folded element has a negative volume",
     ),
     Limit(
+        "breast_volume_ml", "volume of the breast", "mL", -math.inf, 4000.0, math.inf,
+        "check the phantom's voxel size (phantom.voxel_mm)",
+        "assumed: 150 to 1490 mL were removed in 30 mastectomies (Kayar et al. 2011, Breast Cancer "
+        "(Auckl) 5:43); a voxel size that is ten times too large gives a thousand times as much",
+    ),
+    Limit(
         "compressed_thickness_mm", "compressed thickness", "mm", 10.0, 120.0, math.inf,
         "check compression.thickness_mm and the phantom's voxel size",
         "assumed: 24 to 79 mm hold 95 % of 82 mammograms (Boone et al. 2000, Med Phys 27:2408)",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mammosim.compression.breast import CompressedBreast
+from mammosim.compression.lattice import breast_volume_ml
 from mammosim.compression.model import MODELS
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import NotConverged
@@ -31,6 +32,7 @@ def believed(compressed: CompressedBreast, settings: CompressionSettings) -> Com
     """
     model = MODELS[compressed.model]
     quantities = {
+        "breast_volume_ml": breast_volume_ml(compressed.phantom),
         "compressed_thickness_mm": compressed.thickness_mm,
         **model.quantities(compressed, settings),
     }

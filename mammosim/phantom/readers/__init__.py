@@ -84,7 +84,8 @@ def _reader_of(path: Path) -> Callable[[Path], VoxelFile]:
             "with a DICOM series"
         )
     if not path.is_file():
-        raise InputError(f"{path}: no such file")
+        what = "is a pipe, device or socket, expected a file" if path.exists() else "no such file"
+        raise InputError(f"{path}: {what}")
     return READERS[max(matching, key=len)]
 
 

@@ -19,6 +19,10 @@ MAX_DEFLATE_RATIO = 1032
 LEAST_MM, MOST_MM = 1e-6, 1e3
 """Of a voxel: far beyond any phantom in either direction, even with its size in metres or nm."""
 
+MOST_ORIGIN_MM = 1e6
+"""Of the first voxel, from the origin: scanners give up to a few metres, and there places in double
+precision still differ by 1e-10 mm."""
+
 
 class Voxels(NamedTuple):
     """Voxels as they are in the file.
@@ -157,11 +161,12 @@ def checked_spacing(spacing_mm: ArrayLike, path: Path) -> NDArray[np.float64]:
 
 
 def checked_origin(origin_mm: ArrayLike, path: Path) -> NDArray[np.float64]:
-    """(3,) position of the first voxel, refused unless finite."""
+    """(3,) position of the first voxel, refused unless places in mm keep their digits there."""
     origin = np.asarray(origin_mm, dtype=np.float64)
-    if origin.shape != (3,) or not np.isfinite(origin).all():
+    if origin.shape != (3,) or not (np.abs(origin) <= MOST_ORIGIN_MM).all():
         raise InputError(
-            f"{path}: origin is {np.asarray(origin_mm).tolist()} mm, expected three finite numbers"
+            f"{path}: origin is {np.asarray(origin_mm).tolist()} mm, expected three numbers from "
+            f"{-MOST_ORIGIN_MM:g} to {MOST_ORIGIN_MM:g}"
         )
     return origin
 

@@ -9,6 +9,7 @@ from mammosim.compression import (
     MODELS,
     CompressedBreast,
     CompressionSettings,
+    breast_volume_ml,
     check_plates,
     compress,
     held_before,
@@ -56,6 +57,7 @@ def check_before(config: RunConfig) -> tuple[str, ...]:
         check_compression(one, breast, slack_mm)
         found += _check_shadows(one, breast)
         found += breast.notes if one.phantom.generate is None else ()
+        found += map(str, doubts({"breast_volume_ml": breast_volume_ml(breast)}))
         for view in one.resolved_views:
             compresses = MODELS[view.compression.model].compresses
             found += held_before(breast, view.position(breast.laterality), compresses)
