@@ -35,6 +35,8 @@ GENERATED = {"density": "fatty", "voxel_mm": 2.0, "volume_ml": 300}
      ({"projection": {"source_to_detector_mm": 50}}, "the focal spot must be above the breast"),
      ({"projection": {"detector_edge_mm": 200}}, "which has no tissue in front of it"),
      ({"projection": {"focal_spot_y_mm": 5000}}, "projection.focal_spot_y_mm: found 5000"),
+     ({"acquisition": {"scatter": False, "grid_scatter_transmission": None}},
+      "acquisition.grid_scatter_transmission: found null"),
      ({"acquisition": {"filter_mm": 5}}, "acquisition.filter_mm: the beam has"),
      ({"compression": {"model": "none", "thickness_mm": 40}}, "'none' moves nothing")],
 )  # fmt: skip

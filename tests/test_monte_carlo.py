@@ -223,6 +223,18 @@ def test_the_estimate_of_its_own_noise_is_right_over_100_seeds():
     assert (errors**2).mean() == pytest.approx(actual, rel=0.2)
 
 
+def test_four_times_the_photons_halve_the_noise():
+    """And no more or less is detected: the photons' number is in the statistics alone."""
+    case = naive.Case(slab(10.0))
+    few, many = (case.follow(16 * photons) for photons in (100, 400))
+    assert (few.photons, many.photons) == (1600, 6400)
+    deviation = [t.scatter.std(axis=0, ddof=1).mean() / 4.0 for t in (few, many)]
+    assert deviation[0] / deviation[1] == pytest.approx(2.0, rel=0.25)
+    means = [t.ledger[:, 1].mean() for t in (few, many)]
+    error = np.hypot(*(t.ledger[:, 1].std(ddof=1) / 4.0 for t in (few, many)))
+    assert means[0] == pytest.approx(means[1], abs=4.0 * error)
+
+
 def test_smoothing_gives_back_the_shape_it_is_guided_by():
     """No leak over the breast's edge, whatever the step there is."""
     column = np.arange(30)

@@ -180,6 +180,12 @@ def _element(quantity: str, symbol: str, energies: tuple[float, ...]) -> NDArray
     try:
         number = xraylib.SymbolToAtomicNumber(symbol)
     except ValueError:
-        raise InputError(f"composition: unknown element '{symbol}'") from None
+        raise InputError(f"acquisition.composition: unknown element '{symbol}'") from None
     section = getattr(xraylib, quantity)
-    return np.array([section(number, energy) for energy in energies])
+    try:
+        return np.array([section(number, energy) for energy in energies])
+    except ValueError as error:
+        raise InputError(
+            f"acquisition.composition: element '{symbol}' has no cross-sections from "
+            f"{energies[0]:g} to {energies[-1]:g} keV ({error})"
+        ) from None

@@ -11,6 +11,24 @@ from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import Response
 from mammosim.errors import InputError
 
+NO_DIRECTIONS = (
+    "acquisition.grid_scatter_transmission: found null, which is for scatter model monte-carlo "
+    "with a breast; give the part of the scatter that the grid lets through"
+)
+
+
+def check_grid(settings: AcquisitionSettings) -> None:
+    """Refuse a grid that needs directions from a scatter model that has none.
+
+    Raises
+    ------
+    InputError
+        If the scatter's part is left open and the model is not monte-carlo.
+    """
+    open_part = settings.grid and settings.grid_scatter_transmission is None
+    if open_part and settings.scatter_model != "monte-carlo":
+        raise InputError(NO_DIRECTIONS)
+
 
 def grid_of(settings: AcquisitionSettings) -> Grid | None:
     """The grid's strips; None without a grid."""
@@ -57,10 +75,7 @@ def scatter_behind_grid(
         return scatter.signal
     if scatter.behind_grid is None:
         if part is None:
-            raise InputError(
-                "acquisition.grid_scatter_transmission: found null, which is for scatter model "
-                "monte-carlo with a breast; give the part of the scatter that the grid lets through"
-            )
+            raise InputError(NO_DIRECTIONS)
         return part * scatter.signal
     if part is None:
         return scatter.behind_grid

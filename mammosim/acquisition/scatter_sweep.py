@@ -12,11 +12,11 @@ from mammosim.acquisition.blocks import cell_pixels
 from mammosim.acquisition.coarse import CELL_MM
 from mammosim.acquisition.recording import beam_for, scatter_case
 from mammosim.acquisition.scatter import Scatter, ScatterCase, ScatterDose, follow_through
-from mammosim.acquisition.scatter.photon_transport import PHOTONS
+from mammosim.acquisition.scatter.photon_transport import PHOTONS, VOXEL_MM
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.compression import CompressedBreast
 from mammosim.geometry import Gantry
-from mammosim.projection import PathLengths
+from mammosim.projection import PathLengths, coarse_breast
 
 MAX_STEP_DEG = 12.5
 """Largest angle between two tube positions at which photons are followed: scatter under a breast
@@ -121,6 +121,7 @@ def scatter_sweep(
     cell = cell_pixels(CELL_MM, gantries[0].pixel_mm)
     shape = (-(-gantries[0].rows // cell), -(-gantries[0].columns // cell))
     beam, found = beam_for(settings, paths), []
+    copy = coarse_breast(breast, gantries[0], VOXEL_MM)
     for number, angle in enumerate(angles):
         gantry = replace(
             gantries[0], tube_angle_deg=float(angle),
@@ -130,6 +131,7 @@ def scatter_sweep(
             np.zeros(shape), np.zeros(shape), cell, gantry, beam, settings, breast,
             seed=seed + number,
         )  # fmt: skip
+        case = replace(case, copy=copy)
         photons = (case.photons or PHOTONS) * (SERIES_PHOTONS if count > 1 else 1) // count
         found.append(follow_through(replace(case, photons=photons)))
     return ScatterSweep(angles, tuple(found))

@@ -72,7 +72,7 @@ def shells_of(symbol: str) -> tuple[Shell, ...]:
             )
     if not found:
         raise InputError(
-            f"composition: element '{symbol}' has no Compton profile; choose "
+            f"acquisition.composition: element '{symbol}' has no Compton profile; choose "
             "acquisition.scatter.model: none"
         )
     return tuple(found)

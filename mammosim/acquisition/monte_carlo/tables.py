@@ -181,6 +181,6 @@ def _element(symbol: str) -> tuple[float, NDArray[np.float64]]:
         return float(xraylib.AtomicWeight(number)), form**2
     except ValueError as error:
         raise InputError(
-            f"composition: element '{symbol}' has no scattering tables ({error}); choose "
-            "acquisition.scatter.model: none"
+            f"acquisition.composition: element '{symbol}' has no scattering tables ({error}); "
+            "choose acquisition.scatter.model: none"
         ) from None

@@ -107,9 +107,8 @@ def scene_of(case: ScatterCase, breast: CompressedBreast) -> Scene:
     plates = Plates(
         BEAM_MATERIALS["polycarbonate"], support_of(case), case.paddle_mm, case.support_mm, edge_mm
     )
-    return make_scene(
-        coarse_breast(breast, case.gantry, VOXEL_MM), plates, case.gantry, case.materials
-    )
+    copy = case.copy or coarse_breast(breast, case.gantry, VOXEL_MM)
+    return make_scene(copy, plates, case.gantry, case.materials)
 
 
 def dose_of(case: ScatterCase, scene: Scene, tables: PhotonTables, tallies: Tallies) -> ScatterDose:

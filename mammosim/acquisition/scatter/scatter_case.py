@@ -13,6 +13,7 @@ from mammosim.acquisition.monte_carlo import Grid
 from mammosim.acquisition.spectrum import Beam
 from mammosim.compression import CompressedBreast
 from mammosim.geometry import Gantry
+from mammosim.projection import CoarseBreast
 from mammosim.tissues import Material
 
 
@@ -40,6 +41,8 @@ class ScatterCase:
         Composition and density of each material of the tissue table.
     breast : CompressedBreast or None
         The voxels; None where only path lengths are known.
+    copy : CoarseBreast or None
+        Coarse copy of the breast, where one has been made for this detector already.
     support : Material or None
         What the support is made of; None for carbon fibre.
     paddle_mm : float
@@ -65,6 +68,7 @@ class ScatterCase:
     support_mm: float
     materials: Mapping[str, Material]
     breast: CompressedBreast | None = None
+    copy: CoarseBreast | None = None
     support: Material | None = None
     paddle_mm: float = 0.0
     grid: Grid | None = None
