@@ -1,13 +1,15 @@
 """Whether the hyperelastic model finds its equilibrium: how often, how exactly, and how fast.
 
     python benchmarks/equilibrium.py robustness [--share 1/7] [--elements 5] [--chest-wall fixed]
+        [--results CASES.csv]
     python benchmarks/equilibrium.py convergence [--breasts 3] [--elements 3]
     python benchmarks/equilibrium.py same-answer [--elements 4]
     python benchmarks/equilibrium.py phantom PHANTOM.mhd [--elements 4 2 1]
 
 `robustness` compresses 48 generated breasts (four densities, 150 to 1400 mL) in CC and MLO, with
 the plates' edge 5 and 15 mm in front of the chest wall, by 30 to 60 % of their height: 192 cases,
-of which `--share 1/7` takes every seventh. `convergence` compares the default tolerance with 0.0002
+of which `--share 1/7` takes every seventh. With `--results`, each case is a row of that file, and
+cases that have a row are not run again. `convergence` compares the default tolerance with 0.0002
 mm. `same-answer` compares ways to the same plates. `phantom` times FDA's, as VICTRE compresses
 it.
 """
@@ -15,8 +17,11 @@ it.
 from __future__ import annotations
 
 import argparse
+import csv
 import time
 from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,7 +43,7 @@ EDGES_MM = (5.0, 15.0)
 COMPRESSION = (0.30, 0.60)
 """Least and most, parts of the height between the plates."""
 
-DEFAULTS = {"model": "hyperelastic", "stiffness": "krouskop"}
+DEFAULTS = {"model": "hyperelastic", "stiffness": "aspiration"}
 
 VICTRE = {
     "model": "hyperelastic", "stiffness": "victre", "chest_wall": "fixed", "muscle": "fixed",
@@ -56,6 +61,16 @@ class Case(NamedTuple):
     view: str
     edge_mm: float
     part: float
+
+    @property
+    def name(self) -> str:
+        """In a line of the results."""
+        breast = f"{self.density} {self.volume_ml:.0f} mL, seed {self.seed}"
+        return f"{breast} {self.view} edge {self.edge_mm:g} mm {100 * self.part:.0f} %"
+
+
+MEASURES = ("force_n", "front_force_n", "pressure_kpa", "smallest_j", "error_mm")
+"""Of a compression, in the results."""
 
 
 def cases() -> list[Case]:
@@ -91,36 +106,62 @@ def attempt(
     return found, why, time.process_time() - start
 
 
-def robustness(share: tuple[int, int], elements: float, **settings: Any) -> None:
+def robustness(
+    share: tuple[int, int], elements: float, results: Path | None, **settings: Any
+) -> None:
     """Which cases converge."""
-    chosen = cases()[share[0] - 1 :: share[1]]
-    converged, seconds, known = 0, [], {}
-    for case in chosen:
-        key = (case.density, case.volume_ml, case.seed)
-        if key not in known:
-            known = {key: mammosim.generate_phantom(
-                density=case.density, volume_ml=case.volume_ml, voxel_mm=1.0, seed=case.seed,
-                laterality="L",
-            )}  # fmt: skip
-        breast = known[key]
-        view = View(case.view, breast.laterality, 45.0)
-        gap = (1.0 - case.part) * height_mm(breast, view, case.edge_mm)
-        found, why, cpu = attempt(
-            breast, case.view, thickness_mm=gap, plate_edge_mm=case.edge_mm,
-            resolution_mm=elements, **{**DEFAULTS, **settings},
-        )  # fmt: skip
-        converged += not why
-        seconds.append(cpu)
-        m = found.measures
-        print(
-            f"{case.density:13s} {case.volume_ml:5.0f} mL {case.view:3s} edge {case.edge_mm:2.0f} "
-            f"mm {100 * case.part:2.0f} %: {m['force_n']:6.1f} N {m['pressure_kpa']:5.1f} kPa, "
-            f"smallest J {m['smallest_j']:5.2f}, error {m['error_mm']:.4f} mm, "
-            f"{found.history.size:3d} steps {cpu:5.1f} CPU s {why}",
-            flush=True,
-        )
-    print(f"{converged} of {len(chosen)} converged; CPU s median {np.median(seconds):.1f}, "
-          f"largest {max(seconds):.1f}")  # fmt: skip
+    rows = _rows(results)
+    for case in cases()[share[0] - 1 :: share[1]]:
+        if case.name in {row["case"] for row in rows}:
+            continue
+        row = _attempted(case, elements, settings)
+        rows.append(row)
+        if results is not None:
+            _append(results, row)
+        print(", ".join(f"{key} {value}" for key, value in row.items()), flush=True)
+    lost = [row for row in rows if row["why"]]
+    cpu = [float(row["cpu_s"]) for row in rows]
+    print(f"{len(rows) - len(lost)} of {len(rows)} converged; CPU s median {np.median(cpu):.1f}, "
+          f"largest {max(cpu):.1f}")  # fmt: skip
+    for row in lost:
+        print(f"{row['case']}: {row['why']}")
+
+
+def _attempted(case: Case, elements: float, settings: dict[str, Any]) -> dict[str, str]:
+    """One case, as a row of the results."""
+    breast = _generated(case.density, case.volume_ml, case.seed)
+    view = View(case.view, breast.laterality, 45.0)
+    gap = (1.0 - case.part) * height_mm(breast, view, case.edge_mm)
+    found, why, cpu = attempt(
+        breast, case.view, thickness_mm=gap, plate_edge_mm=case.edge_mm,
+        resolution_mm=elements, **{**DEFAULTS, **settings},
+    )  # fmt: skip
+    measures = {key: f"{found.measures[key]:.4g}" for key in MEASURES}
+    steps = str(found.history.size)
+    return {"case": case.name, **measures, "steps": steps, "cpu_s": f"{cpu:.1f}", "why": why}
+
+
+@lru_cache(maxsize=1)
+def _generated(density: str, volume_ml: float, seed: int) -> BreastPhantom:
+    return mammosim.generate_phantom(
+        density=density, volume_ml=volume_ml, voxel_mm=1.0, seed=seed, laterality="L"
+    )
+
+
+def _rows(results: Path | None) -> list[dict[str, str]]:
+    if results is None or not results.exists():
+        return []
+    with results.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _append(results: Path, row: dict[str, str]) -> None:
+    new = not results.exists()
+    with results.open("a", newline="") as file:
+        writer = csv.DictWriter(file, list(row))
+        if new:
+            writer.writeheader()
+        writer.writerow(row)
 
 
 def tissue_points(breast: BreastPhantom, spacing_mm: float = 2.0) -> NDArray[np.float64]:
@@ -230,13 +271,14 @@ def main() -> None:
     parser.add_argument("--share", type=_share, default=(1, 1))
     parser.add_argument("--elements", type=float, nargs="+", default=[])
     parser.add_argument("--chest-wall", default=None)
-    parser.add_argument("--stiffness", default="krouskop")
+    parser.add_argument("--stiffness", default="aspiration")
     parser.add_argument("--breasts", type=int, default=3)
+    parser.add_argument("--results", type=Path)
     arguments = parser.parse_args()
     elements = arguments.elements
     if arguments.what == "robustness":
         keys = {"chest_wall": arguments.chest_wall, "stiffness": arguments.stiffness}
-        robustness(arguments.share, *(elements or [5.0]), **keys)
+        robustness(arguments.share, *(elements or [5.0]), arguments.results, **keys)
     elif arguments.what == "convergence":
         convergence(arguments.breasts, *(elements or [3.0]))
     elif arguments.what == "same-answer":

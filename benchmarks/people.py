@@ -108,7 +108,7 @@ def outlines(breasts: int, elements: float, ratios: list[float]) -> None:
         logs, depths = [], []
         for number in range(breasts):
             found = compressed(
-                breast(number), "CC", 15.0, resolution_mm=elements, stiffness="krouskop",
+                breast(number), "CC", 15.0, resolution_mm=elements, stiffness="aspiration",
                 fibres={"ratio": ratio},
             )  # fmt: skip
             logs.append(log_ratio(found))

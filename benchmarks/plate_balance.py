@@ -25,7 +25,7 @@ BREASTS: tuple[tuple[Any, float, Literal["L", "R"]], ...] = (
     ("fatty", 350, "L"), ("scattered", 500, "R"), ("scattered", 800, "L"),
     ("heterogeneous", 250, "L"), ("dense", 150, "R"), ("heterogeneous", 1100, "R"),
 )  # fmt: skip
-STIFFNESS = {"springs": "thesis", "hyperelastic": "krouskop"}
+STIFFNESS = {"springs": "thesis", "hyperelastic": "aspiration"}
 VOXEL_MM = 2.0
 
 

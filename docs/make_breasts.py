@@ -19,7 +19,7 @@ BREASTS = {"fatty": (1, 3), "scattered": (102, 104), "heterogeneous": (201, 203)
 
 VOXEL_MM, PIXEL_MM = 0.4, 0.2
 COMPRESSION = {"model": "hyperelastic", "resolution_mm": 4.0, "chest_wall": "sliding",
-               "stiffness": "krouskop"}  # fmt: skip
+               "stiffness": "aspiration"}  # fmt: skip
 EDGE_MM, ROUNDING_MM = {"CC": 15.0, "MLO": 5.0}, 3.0
 """Of the plates in front of the chest wall, as in configs/cohort.yaml; the detector begins where
 their edge's rounding has ended."""

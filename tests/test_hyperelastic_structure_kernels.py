@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from naive import structure as naive
 
-from mammosim.compression.hyperelastic.fascia import Fascia
+from mammosim.compression.hyperelastic.fascia import RIM_PART, Fascia, SkinBorder
 from mammosim.compression.hyperelastic.fibres import Fibres
 from mammosim.compression.hyperelastic.gravity import Weight
 from mammosim.compression.hyperelastic.membrane import Membrane
@@ -160,6 +160,59 @@ def test_the_fascia_is_a_layer_in_shear():
     stencil = np.zeros((5, 6, 126, 7), np.float32)
     fascia.add_tangent(u, stencil)
     assert np.allclose(image(stencil, u)[:, 1], force[:, 1])
+
+
+def wall_with_skin(side=13):
+    """A square wall, and skin around it but for the side at low z, where the phantom was cut."""
+    active = np.zeros((5, side + 4, side + 4), bool)
+    active[1:3, 1 : side + 1, 1 : side + 1] = True
+    skin = active.astype(np.float32)
+    skin[:, 2:side, :side] = 0.0
+    return active, skin
+
+
+def test_skin_goes_on_beyond_the_wall():
+    # Chain of a strip of skin, E t u'' = k u, one edge wide: its end against sqrt(E t k).
+    tension, layer, step, links = 6.0, 0.09, 0.1, 3000
+    active, skin = wall_with_skin()
+    border = SkinBorder.of(active, skin, 0.25, tension, 5.0)
+    yy, yz, zz = border.skin_beyond(layer)
+    middle, low, high = 8, 1, 14
+    for held, young in ((yy, 4.0), (zz, 1.0)):  # across the border, and along it
+        chain = young * tension / step
+        stiffness = 0.0
+        for _ in range(links):  # each further piece of skin in series, on its own layer
+            stiffness = 1.0 / (1.0 / (stiffness + layer * step) + 1.0 / chain)
+        for end in (low, high):
+            assert held[end, middle] == pytest.approx(stiffness, rel=0.01)
+            assert yz[end, middle] == 0.0
+    assert not zz[middle, low].any()  # where the phantom was cut, no skin holds
+    assert zz[middle, high] > 0.0
+    assert border.length.sum() == pytest.approx(3 * 13, rel=0.1)
+
+
+def test_the_fascia_is_softer_along_the_rim():
+    active, skin = wall_with_skin()
+    border = SkinBorder.of(active, skin, 0.25, 1e-20, 5.0)
+    tie = Fascia.of(active.astype(np.float32), active, 0.5, border).ties[0]
+    at_rim, next_to_it, inside = tie[1, 8], tie[2, 8], tie[8, 8]
+    assert inside == pytest.approx(0.5)
+    assert at_rim == pytest.approx(0.5 * RIM_PART * 0.5)  # half of a face behind each node there
+    assert next_to_it == pytest.approx(0.5 * (RIM_PART + (1.0 - RIM_PART) / 5.0))
+    assert tie[8, 2] == pytest.approx(0.5)  # near where the phantom was cut
+
+
+def test_ties_are_the_slope_of_their_energy():
+    active, skin = wall_with_skin(6)
+    border = SkinBorder.of(active, skin, 0.25, 6.0, 3.0)
+    fascia = Fascia.of(active.astype(np.float32), active, 0.5, border)
+    u = np.zeros((3, *active.shape))
+    u[:, 1:-1, 1:-1, 1:-1] = np.random.default_rng(4).standard_normal((3, 3, 8, 8))
+    force, stencil = np.zeros_like(u), np.zeros((5, 10, 126, 10), np.float32)
+    energy = fascia.add_forces(u, force)
+    fascia.add_tangent(u, stencil)
+    assert energy == pytest.approx(0.5 * (force * u).sum())
+    assert np.abs(image(stencil, u) - force).max() < 1e-5 * np.abs(force).max()
 
 
 def test_corners_follow_every_uniform_deformation_at_no_cost():

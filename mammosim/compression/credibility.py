@@ -55,14 +55,18 @@ def contact_quantities(
 ) -> dict[str, float]:
     """Force and pressure of the plates, for the table of limits.
 
-    A low force is plausible where a force was asked for, and the forces on paddle and support need
-    not balance under gravity.
+    A low force is plausible where a force was asked for. Where no thickness was asked for either,
+    the thickness is a population's, and the force need only be a breast's own share of a clinical
+    one. The forces on paddle and support need not balance under gravity.
     """
     measures = compressed.measures
     paddle_n, support_n = measures["force_n"], measures["support_force_n"]
     quantities = {"mean_pressure_kpa": measures["pressure_kpa"]}
-    if settings.force_n is None or paddle_n >= LOW_FORCE_N:
+    usual = settings.thickness_mm is None and settings.support_z_mm is None
+    if paddle_n >= LOW_FORCE_N or not usual:
         quantities["paddle_force_n"] = paddle_n
+    elif settings.force_n is None:
+        quantities["usual_force_n"] = paddle_n
     largest = max(paddle_n, support_n)
     if not settings.gravity and largest > 0.0:
         quantities["force_imbalance_percent"] = 100.0 * abs(paddle_n - support_n) / largest

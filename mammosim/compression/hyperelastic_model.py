@@ -376,7 +376,7 @@ HYPERELASTIC = MechanicalModel(
         "force_tolerance",
         "paddle",
     ),
-    usual={"resolution_mm": 3.0},
+    usual={"resolution_mm": 3.0, "stiffness": "aspiration"},
     chest_walls=("fascia", "fixed", "sliding"),
     bytes_per_node=BYTES_PER_NODE,
     seconds=_seconds,

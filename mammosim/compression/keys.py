@@ -72,7 +72,7 @@ class SkinKeys(TypedDict, total=False):
 
     young_kpa: float | None
     """Young's modulus, kPa; left out: `stiffness_kpa.skin`, else that of the stiffness set, else
-    344 kPa (measured in vivo)."""
+    that of `krouskop`, 344 kPa (measured in vivo)."""
 
     thickness_mm: float | None
     """Thickness, mm; left out: as the phantom's voxels show it, else 1.55 mm."""
@@ -132,8 +132,8 @@ class CompressionKeys(TypedDict, total=False):
 
     fascia_kpa_per_mm: float
     """Stiffness of the retromammary fascia in shear: kPa of stress for each mm by which the breast
-    glides over the chest wall. Assumed: loose tissue of about 1 kPa, 1 to 2 mm thick. Default:
-    0.7."""
+    glides over the chest wall. Loose tissue has a shear modulus of 0.9 kPa (Iatridis et al. 2003,
+    rats); that the layer is 1.3 mm thick is assumed. Default: 0.7."""
 
     chest_wall_mm: float | None
     """Breast-frame x up to which tissue is held as the chest wall, mm; left out: the first tissue
@@ -153,8 +153,8 @@ class CompressionKeys(TypedDict, total=False):
     all in front of the plates' edge."""
 
     stiffness: str
-    """Stiffness set of the tissue table; `thesis` is what the spring model was published with. With
-    `hyperelastic` take `krouskop`, or `aspiration`, measured in vivo. Default: thesis."""
+    """Stiffness set of the tissue table. Left out: `thesis` with `springs`, which were published
+    with it, and `aspiration`, measured in women, with `hyperelastic`. Default: thesis."""
 
     stiffness_kpa: Mapping[str, float]
     """Young's modulus of single tissues in place of the set's, as {skin: 60, mass: 100}; tissues

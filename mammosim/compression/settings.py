@@ -74,7 +74,7 @@ class SkinSettings(Settings):
 
     young_kpa: float | None = Field(default=None, gt=0, le=1e4)
     """Young's modulus, kPa; left out: `stiffness_kpa.skin`, else that of the stiffness set, else
-    344 kPa (measured in vivo)."""
+    that of `krouskop`, 344 kPa (measured in vivo)."""
 
     thickness_mm: float | None = Field(default=None, ge=0.1, le=10)
     """Thickness, mm; left out: as the phantom's voxels show it, else 1.55 mm."""
@@ -181,7 +181,8 @@ class CompressionSettings(Settings):
 
     fascia_kpa_per_mm: float = Field(default=0.7, ge=0.01, le=1e3)
     """Stiffness of the retromammary fascia in shear: kPa of stress for each mm by which the breast
-    glides over the chest wall. Assumed: loose tissue of about 1 kPa, 1 to 2 mm thick."""
+    glides over the chest wall. Loose tissue has a shear modulus of 0.9 kPa (Iatridis et al. 2003,
+    rats); that the layer is 1.3 mm thick is assumed."""
 
     chest_wall_mm: Coordinate | None = None
     """Breast-frame x up to which tissue is held as the chest wall, mm; left out: the first tissue
@@ -201,8 +202,8 @@ class CompressionSettings(Settings):
     all in front of the plates' edge."""
 
     stiffness: str = "thesis"
-    """Stiffness set of the tissue table; `thesis` is what the spring model was published with.
-    With `hyperelastic` take `krouskop`, or `aspiration`, measured in vivo."""
+    """Stiffness set of the tissue table. Left out: `thesis` with `springs`, which were published
+    with it, and `aspiration`, measured in women, with `hyperelastic`."""
 
     stiffness_kpa: dict[str, Annotated[float, Field(ge=1e-3, le=1e4)]] = Field(default_factory=dict)
     """Young's modulus of single tissues in place of the set's, as {skin: 60, mass: 100}; tissues

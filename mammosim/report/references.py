@@ -105,6 +105,11 @@ REFERENCES: dict[str, Reference] = {
         "prostate tissues under compression. Ultrason Imaging 20:260-274, 1998.",
         "10.1177/016173469802000403",
     ),
+    "aspiration": Reference(
+        "stiffness set 'aspiration'",
+        "In vivo measurement of breast tissues stiffness using a light aspiration device. Seven "
+        "women: skin 56.3 kPa, fat and gland 3.04 kPa.",
+    ),
     "hauge": Reference(
         "spread of the compressed thickness (uncertainty)",
         "Hauge IHR, Hogg P, Szczepura K, Connolly P, McGill G, Mercer C. The readout thickness "
@@ -181,6 +186,7 @@ def references_used(settings: Mapping[str, Any]) -> list[Reference]:
         "hammerstein": acquisition.get("composition", "hammerstein") == "hammerstein",
         "samani": varied,
         "krouskop": varied or stiffness == "krouskop",
+        "aspiration": stiffness == "aspiration",
         "hauge": varied,
         "plotly": report.get("html", True) and report.get("three_d", True),
         "highdicom": export.get("dicom", True),

@@ -135,7 +135,9 @@ class Body:
             parts.append(Membrane.of(points, skin.covers(points), tension))
         parts.append(SurfaceCells.of(self.active, self.shear, tension))
         if self.structure.fascia > 0.0:
-            parts.append(Fascia.of(self.fraction, self.active, self.structure.fascia))
+            border = self.structure.border(self.active)
+            fascia = self.structure.fascia
+            parts.append(Fascia.of(self.fraction, self.active, fascia, border))
         if self.structure.mass is not None:
             mass = _gathered(self.structure.mass, self.active)
             parts.append(Weight.of(mass, self.structure.pull))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.compression.hyperelastic.body import SMALLEST_PART, Body, nodes_of
+from mammosim.compression.hyperelastic.fascia import RIM_MM
 from mammosim.compression.hyperelastic.fascia import WALL as WALL
 from mammosim.compression.hyperelastic.structure import Skin, Structure
 from mammosim.compression.hyperelastic.surface import SurfacePoints
@@ -157,9 +158,9 @@ def _structure(
         mass = block_mean(breast, view, blocks, density_g_cm3) * body.fraction
     # 1 g/cm3 is 1e-6 kg/mm3, and 1 kPa 1 mN/mm2: rho g in kPa/mm is 1e-3 of its value in m/s2.
     x, y, z = (1e-3 * edge * part for part in support.gravity_m_s2 or (0.0, 0.0, 0.0))
-    fascia = support.fascia_kpa_per_mm * edge
+    fascia, rim = support.fascia_kpa_per_mm * edge, RIM_MM / edge
     origin = _behind(body) if support.fibre_ratio > 1.0 else (0.0, 0.0, 0.0)
-    return Structure(skin, fascia, mass, (x, y, z), support.fibre_ratio, origin)
+    return Structure(skin, fascia, rim, mass, (x, y, z), support.fibre_ratio, origin)
 
 
 def _behind(body: Body) -> tuple[float, float, float]:

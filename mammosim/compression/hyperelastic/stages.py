@@ -32,8 +32,8 @@ UNFOLDING = (30.0, 0.5)
 """`local_part` and `least_volume` of a body whose start may have folded elements, at first: most of
 its bulk modulus acts at each point, which unfolds them, and a fold costs little else."""
 
-UNFOLDED = 0.2
-"""Smallest J from which on that is no longer needed."""
+FOLDED, UNFOLDED = 0.05, 0.2
+"""Smallest J of a start below which that is needed, and from which on it no longer is."""
 
 EDGE_REACH = 4.0
 """Distance from the plates' edge, in units of its radius, within which the surface has several
@@ -145,13 +145,15 @@ class Stages:
 
         Elements that the displacement folds are unfolded first.
         """
-        local, least = UNFOLDING
-        softened = replace(self.bodies[level], local_part=local, least_volume=least)
-        state = self._minimise(softened, level, plates, u, ON_THE_WAY, UNFOLDED)
-        if state.interrupted:
-            return state
-        tolerance = self.tolerance if level == 0 else LOOSE
-        return self._minimise(self.bodies[level], level, plates, state.u, tolerance)
+        body = self.bodies[level]
+        if body.energy_and_forces(u)[1] < FOLDED:
+            local, least = UNFOLDING
+            softened = replace(body, local_part=local, least_volume=least)
+            state = self._minimise(softened, level, plates, u, ON_THE_WAY, UNFOLDED)
+            if state.interrupted:
+                return state
+            u = state.u
+        return self._minimise(body, level, plates, u, self.tolerance if level == 0 else LOOSE)
 
     def at_rest(self, plates: Plates) -> State:
         """The mesh before anything moves, between plates."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression.hyperelastic.fascia import WALL
+from mammosim.compression.hyperelastic.fascia import WALL, SkinBorder
 from mammosim.compression.hyperelastic.surface import SurfacePoints
 
 LEAST_COVER = 0.25
@@ -41,6 +41,11 @@ class Skin:
         """Shear modulus times thickness, kPa times an element's edge."""
         return self.shear_kpa * self.thickness
 
+    @property
+    def least_thickness(self) -> float:
+        """Thickness that must be found for skin to be there, element edges."""
+        return LEAST_COVER * min(self.thickness, 1.0)
+
     def covers(self, points: SurfacePoints) -> NDArray[np.bool_]:
         """Which points of the surface are covered by skin, (n,).
 
@@ -51,7 +56,7 @@ class Skin:
         outside[rows, axis] += np.sign(points.normal[rows, axis]).astype(np.int32)
         amount = self.fraction[tuple(points.cells.T)] + self.fraction[tuple(outside.T)]
         wall = (points.normal[:, 0] < FACING_WALL) & (points.cells[:, 0] == WALL)
-        return np.asarray((amount >= LEAST_COVER * min(self.thickness, 1.0)) & ~wall)
+        return np.asarray((amount >= self.least_thickness) & ~wall)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +69,8 @@ class Structure:
         None: the elements have the skin's stiffness, if any.
     fascia : float
         Tangential stiffness of the tie to the chest wall, kPa per element edge; 0 for none.
+    rim : float
+        Width of the wall's rim along which the tie is softer, element edges.
     mass : ndarray of float32, [x, y, z], optional
         Of the tissue in each cell over the cell's volume, g/cm3; None: weight does not act.
     pull : tuple of float
@@ -76,10 +83,18 @@ class Structure:
 
     skin: Skin | None = None
     fascia: float = 0.0
+    rim: float = 1.0
     mass: NDArray[np.float32] | None = None
     pull: tuple[float, float, float] = (0.0, 0.0, 0.0)
     fibre_ratio: float = 1.0
     fibre_origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def border(self, active: NDArray[np.bool_]) -> SkinBorder | None:
+        """Where the skin of a body of these elements, [x, y, z], meets the wall."""
+        if self.skin is None:
+            return None
+        part, tension = self.skin.fraction, self.skin.tension
+        return SkinBorder.of(active, part, self.skin.least_thickness, tension, self.rim)
 
     def coarsened(
         self, mean_of_eight: Callable[[NDArray[np.float32]], NDArray[np.float32]]
@@ -92,4 +107,5 @@ class Structure:
         x, y, z = (2.0 * part for part in self.pull)
         mass = None if mass is None else mean_of_eight(mass)
         a, b, c = (0.5 * (part + 1.0) for part in self.fibre_origin)
-        return Structure(skin, 2.0 * self.fascia, mass, (x, y, z), self.fibre_ratio, (a, b, c))
+        fascia, rim = 2.0 * self.fascia, 0.5 * self.rim
+        return Structure(skin, fascia, rim, mass, (x, y, z), self.fibre_ratio, (a, b, c))
