@@ -62,5 +62,10 @@ def test_the_page_holds_the_slider_only_where_there_are_slices(tmp_path, monkeyp
     page = render_report([replace(view, reconstruction=made)], targets, record)
     assert "Synthetic 2-D picture, computed by mammosim" in page
     assert "not a manufacturer" in page
+    series = {"projections": 5.0, "dose_of_all_projections_mgy": 7.3}
+    taken = replace(view.mammogram, measures={**view.mammogram.measures, **series})
+    page = render_report([replace(view, mammogram=taken)], targets, record)
+    assert "the middle one of 5 projections" in page
+    assert page.count("7.30 mGy in all") == 2  # under the picture and among the first things said
     without = render_report([replace(view, reconstruction=None)], targets, record)
     assert 'id="slices"' not in without

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mammosim.report.facts import lesions_seen
-from mammosim.report.hanging import ReportedView
+from mammosim.report.hanging import ReportedView, dose_text
 from mammosim.targets import ShiftAnswers, ShiftUncertainty, Target
 
 MAX_LESIONS = 6
@@ -67,7 +67,7 @@ def _dose(view: ReportedView) -> Line:
     force = squeezed.measures.get("force_n", math.nan)
     if math.isfinite(force):
         parts.append(f"{force:.0f} N")
-    parts.append(f"{mammogram.dose_mgy:.2f} mGy" if mammogram else "no image was made")
+    parts.append(dose_text(mammogram) if mammogram else "no image was made")
     return Line(squeezed.view.folder, ", ".join(parts))
 
 

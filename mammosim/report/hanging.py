@@ -151,8 +151,11 @@ def _exposed(
         f"{mammogram.thickness_mm:.1f} mm",
         f"{mammogram.kvp:g} kV {mammogram.target}/{mammogram.filter}",
         f"{mammogram.mas:.0f} mAs",
-        f"{mammogram.dose_mgy:.2f} mGy",
+        dose_text(mammogram),
     ]
+    if "projections" in mammogram.measures:
+        count = mammogram.measures["projections"]
+        technique[2] += f", the middle one of {count:.0f} projections"
     shown = [target.name for target in here if target.in_field and target.is_lesion]
     lesions = ", ".join(shown) or "no lesion"
     bar_px, marks = _BAR_MM / mammogram.gantry.pixel_mm, markers(here, mammogram.gantry)
@@ -168,6 +171,14 @@ def _exposed(
         two_cm_px=bar_px,
         font_px=crop.rows / _FONTS,
     )
+
+
+def dose_text(mammogram: Mammogram) -> str:
+    """Mean glandular dose; of a series that of all its projections."""
+    whole = mammogram.measures.get("dose_of_all_projections_mgy")
+    if whole is None:
+        return f"{mammogram.dose_mgy:.2f} mGy"
+    return f"{whole:.2f} mGy in all"
 
 
 def _labels(marks: Sequence[Marker], crop: Crop, side: str, bar_px: float) -> list[Label]:
