@@ -1,4 +1,4 @@
-"""Bad input, systematically: configurations, cohorts, phantom files and run folders with faults.
+"""Bad input, systematically: configurations, cohorts, files, folders and commands with faults.
 
     python benchmarks/fuzz.py [--configurations 100000] [--files 10000] [--runs 300]
         [--seed 1]
@@ -159,6 +159,9 @@ precompressed breasts, reconstruction, a text phantom and several draws."""
 
 EXTREME_SECTIONS = ("compression", "projection", "acquisition", "targets")
 """Sections whose numbers are taken to their ends in whole runs."""
+
+FOLLOWS = ("os.truncate", "os.chmod", "os.chown")
+"""Events that act on what a link leads to; making, renaming and removing act on the link."""
 
 SANDBOX = Path(tempfile.mkdtemp()).resolve()
 strangers: list[str] = []
@@ -819,11 +822,13 @@ def _watch(event: str, arguments: tuple[Any, ...]) -> None:
                    "os.truncate", "os.chmod", "os.chown", "shutil.rmtree"):  # fmt: skip
         for path in arguments[1:2] if event == "os.symlink" else arguments[:2]:
             if isinstance(path, str | bytes | os.PathLike):
-                _inside(event, path)
+                _inside(event, path, follows=event in FOLLOWS)
 
 
-def _inside(event: str, path: Any) -> None:
-    real = os.path.realpath(os.fsdecode(path))
+def _inside(event: str, path: Any, follows: bool = True) -> None:
+    """Note what leads out of the sandbox: a link itself is in it, wherever it leads."""
+    head, name = os.path.split(os.fsdecode(path).rstrip("/"))
+    real = os.path.realpath(os.fsdecode(path)) if follows else f"{os.path.realpath(head)}/{name}"
     compiled = os.path.realpath(numba.config.CACHE_DIR or "__pycache__")
     if not real.startswith((str(SANDBOX), compiled)) and "__pycache__" not in real:
         strangers.append(f"{event} {real}")

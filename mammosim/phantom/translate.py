@@ -115,7 +115,8 @@ def whole_labels(values: NDArray[Any], decimals: int, path: Path) -> NDArray[np.
         scaled = plane.astype(np.float64) * 10**decimals
         rounded = np.rint(scaled)
         # Not (> tolerance), so that NaN is refused too; 32-bit floats miss 3.3 by 5e-8.
-        odd = ~((np.abs(scaled - rounded) < 1e-3) & (np.abs(rounded) < 2**31))
+        with np.errstate(invalid="ignore"):  # infinity less itself
+            odd = ~((np.abs(scaled - rounded) < 1e-3) & (np.abs(rounded) < 2**31))
         if odd.any():
             raise InputError(
                 f"{path}: holds the value {plane[odd][0]:g}, expected labels of at most {decimals} "
