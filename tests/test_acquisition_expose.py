@@ -8,6 +8,7 @@ from naive.acquisition import body_paths, half_disc
 from mammosim.acquisition import AcquisitionSettings, dose_limit_mgy, expose
 from mammosim.acquisition.attenuation import attenuation_per_mm
 from mammosim.acquisition.detectors import find_detector
+from mammosim.acquisition.exposure import dense_signal
 from mammosim.acquisition.exposure_limits import WHITE, with_warnings
 from mammosim.acquisition.noise import noise_through_blur
 from mammosim.acquisition.recording import arrive
@@ -306,3 +307,12 @@ def test_a_noise_seed_changes_the_noise_and_nothing_else():
     assert (one.for_processing != other.for_processing).any()
     assert one.measures == other.measures
     assert (one.mas, one.dose_mgy) == (other.mas, other.dose_mgy)
+
+
+def test_exposure_control_looks_below_the_spot_paddle():
+    """Not behind the tissue that rises beside it, which gets a hundredth of the signal."""
+    tissue_mm, signal = np.full((40, 40), 60.0), np.full((40, 40), 1.0)
+    tissue_mm[10:30, 10:30], signal[10:30, 10:30] = 40.0, 100.0
+    fields = (signal, tissue_mm, np.zeros_like(tissue_mm), 40.0, 2.0)
+    assert dense_signal(*fields) == pytest.approx(1.0)
+    assert dense_signal(*fields, spot=True) > 30.0

@@ -303,3 +303,19 @@ def test_window_covers_the_picture():
     assert shown.pixels.dtype == np.uint16
     low = shown.window_center - shown.window_width / 2
     assert low <= 0 <= shown.pixels.max() <= low + shown.window_width
+
+
+def test_levels_are_those_of_what_a_spot_paddle_presses():
+    """Tissue that rises beside the paddle leaves gland under it as bright as without."""
+    attenuation, inside, _ = compressed_breast()
+    place = np.s_[250:420, 60:180]
+    under = np.zeros(SHAPE, bool)
+    under[place] = True
+    risen = np.where(inside & ~under, attenuation + 1.2, attenuation).astype(np.float32)
+    reading = under[::10, ::10]
+    plain, told, alone = (
+        present(image, PIXEL_MM, fat=2.6, reading=mask).pixels[330, 120] / MAXIMUM
+        for image, mask in ((risen, None), (risen, reading), (attenuation, None))
+    )
+    assert plain < alone - 0.1
+    assert told == pytest.approx(alone, abs=0.06)

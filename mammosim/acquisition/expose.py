@@ -19,6 +19,7 @@ from mammosim.acquisition.contrast import (
     recombine,
 )
 from mammosim.acquisition.dose import DoseFactors, dose_factors
+from mammosim.acquisition.exposure import under_spot_paddle
 from mammosim.acquisition.exposure_limits import WHITE, with_warnings
 from mammosim.acquisition.fat_level import fat_attenuation
 from mammosim.acquisition.keys import AcquisitionKeys
@@ -180,7 +181,9 @@ def mammogram_of(
     air_signal = exposure.air_signal * arrival.unit.air_profile
     mean_depth = arrival.unit.weights.mean_depth
     log_attenuation_kernel(signal, air_signal, mean_depth, rays_of(gantry), signal)
-    picture = present(signal, gantry.pixel_mm, fat_attenuation(arrival), settings.look)
+    spot = gantry.view.spot
+    pressed = under_spot_paddle(coarse.tissue_mm, paths.thickness_mm) if spot else None
+    picture = present(signal, gantry.pixel_mm, fat_attenuation(arrival), settings.look, pressed)
 
     dose, factors = dose_of(arrival, exposure.mas)
     detector_kerma = beam.kerma_mgy_mas(gantry.focal_spot_height_mm) * exposure.mas

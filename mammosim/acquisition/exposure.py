@@ -30,6 +30,7 @@ REGION_MM = 10.0  # side of the field whose mean signal counts
 DENSE_QUANTILE = 0.05  # the densest twentieth of the breast, so that a clip does not decide
 FULL_THICKNESS = 0.8  # part of the gap that must be tissue: the round margin does not count
 MUSCLE_SHARE = 0.1  # more muscle than this on a ray, and it does not count
+SPOT_THICKNESS = 1.15  # times the gap: what is thicker rises beside a spot paddle. Assumed
 
 
 def kvp_by_thickness(target: str, thickness_mm: float) -> float:
@@ -44,12 +45,29 @@ def kvp_by_thickness(target: str, thickness_mm: float) -> float:
     return float(next(kvp for limit, kvp in table if thickness_mm <= limit))
 
 
+def under_spot_paddle(tissue_mm: NDArray[np.float64], thickness_mm: float) -> NDArray[np.bool_]:
+    """Where a spot paddle presses: tissue that fills the gap and does not rise above it.
+
+    Parameters
+    ----------
+    tissue_mm : ndarray of float64, [row, column]
+        Path through all tissue, mm.
+    thickness_mm : float
+        Gap between the plates, mm.
+    """
+    pressed = (tissue_mm >= FULL_THICKNESS * thickness_mm) & (
+        tissue_mm <= SPOT_THICKNESS * thickness_mm
+    )
+    return np.asarray(pressed)
+
+
 def dense_signal(
     signal: NDArray[np.float64],
     tissue_mm: NDArray[np.float64],
     muscle_mm: NDArray[np.float64],
     thickness_mm: float,
     cell_mm: float,
+    spot: bool = False,
 ) -> float:
     """Signal behind the dense part of the breast, which exposure control looks at.
 
@@ -63,6 +81,8 @@ def dense_signal(
         Gap between the plates, mm.
     cell_mm : float
         Side of a cell, mm.
+    spot : bool
+        Whether the paddle is a spot paddle: its sensor lies below what the paddle presses.
 
     Raises
     ------
@@ -79,4 +99,7 @@ def dense_signal(
     breast = full & (muscle_mm <= MUSCLE_SHARE * tissue_mm)
     if not breast.any():
         breast = full
+    pressed = breast & under_spot_paddle(tissue_mm, thickness_mm)
+    if spot and pressed.any():
+        breast = pressed
     return float(np.quantile(smooth[breast], DENSE_QUANTILE))

@@ -83,6 +83,7 @@ def present(
     pixel_mm: float,
     fat: float | None = None,
     look: str = "crisp",
+    reading: NDArray[np.bool_] | None = None,
 ) -> Presentation:
     """Make the For Presentation image from a flat-fielded logarithmic image.
 
@@ -97,6 +98,9 @@ def present(
         thickness and beam; default: estimated from the image.
     look : {"crisp", "soft"}
         See `LOOKS`.
+    reading : ndarray of bool, [row, column], optional
+        Part of the breast that the image is made for, on any coarser grid over the same field: the
+        levels are taken there. Default: all of it.
 
     Returns
     -------
@@ -126,7 +130,7 @@ def present(
         missing, edge, plateau = missing_attenuation(coarse, margin, fat)
         ramp = smooth_step((coarse / edge - EDGE_START) / (1.0 - EDGE_START))
         equalized = coarse + ramp * missing
-        low, contrast = _levels(equalized, margin, plateau)
+        low, contrast = _levels(equalized, margin, plateau, _resampled(reading, coarse.shape))
         radius = max(1, round(BASE_RADIUS_MM / margin.cell_mm))
         base = _base(np.maximum(equalized, low - FLOOR_CONTRAST * contrast), radius)
         fat_place = TOE * (1.0 + np.log(FAT_GREY / TOE))  # what the toe shows as fat's grey
@@ -139,10 +143,26 @@ def present(
     return Presentation(pixels, (MAXIMUM + 1) / 2, float(MAXIMUM + 1))
 
 
-def _levels(equalized: NDArray[np.float64], margin: Margin, plateau: float) -> tuple[float, float]:
+def _resampled(mask: NDArray[np.bool_] | None, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
+    """A mask on the nearest cells of another grid over the same field."""
+    if mask is None:
+        return None
+    sizes = zip(shape, mask.shape, strict=True)
+    rows, columns = ((np.arange(size) + 0.5) * count / size for size, count in sizes)
+    return mask[np.ix_(rows.astype(np.intp), columns.astype(np.intp))]
+
+
+def _levels(
+    equalized: NDArray[np.float64],
+    margin: Margin,
+    plateau: float,
+    reading: NDArray[np.bool_] | None,
+) -> tuple[float, float]:
     """Attenuation shown at the grey of fat, and that of gland above it, ln; without muscle."""
     inner = margin.depth_mm > LEVELS_DEPTH_MM
     inner = inner & margin.breast if inner.any() else margin.breast
+    if reading is not None and (inner & reading).any():
+        inner = inner & reading
     dark = float(np.quantile(equalized[inner], FAT_QUANTILE))
     muscle = muscle_of(equalized, margin.breast, min(dark, plateau), MIN_CONTRAST, margin.cell_mm)
     rest = inner & ~muscle

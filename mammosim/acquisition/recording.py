@@ -86,6 +86,7 @@ class Arrival:
             self.coarse.muscle_mm,
             self.paths.thickness_mm,
             self.coarse.cell_mm,
+            self.paths.gantry.view.spot,
         )
 
     @property
