@@ -16,6 +16,7 @@ from mammosim.compression.hyperelastic.surface import SurfacePoints
 from mammosim.compression.hyperelastic.tilt import _between
 from mammosim.compression.multigrid import Workspace
 from mammosim.compression.plate_balance import BALANCED
+from mammosim.compression.plate_check import check_plates
 from mammosim.compression.plates._straight_kernels import StraightPlate
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import InputError
@@ -177,6 +178,9 @@ def test_a_sheet_needs_skin():
     bare = skinned(3.0, with_skin=False)
     with pytest.raises(InputError, match=r"compression.skin: found for .*no voxels of skin"):
         mammosim.compress(bare, "CC", **KEYS, skin={"young_kpa": 100.0})
+    described = CompressionSettings(**KEYS, skin={"young_kpa": 100.0})
+    with pytest.raises(InputError, match=r"compression.skin: found for .*no voxels of skin"):
+        check_plates(bare, View("CC", "L", 45.0), described)  # before anything moves
     found = mammosim.compress(bare, "CC", **KEYS)  # the set's own sheet: none, and no word of it
     assert "skin_mm" not in found.measures
 

@@ -255,15 +255,20 @@ def elements_of(
         As `compress_hyperelastic` takes it.
     """
     support = Support(
-        settings.wall, held_tissue(settings, breast)[1], _skin_of(breast, settings),
+        settings.wall, held_tissue(settings, breast)[1], skin_of(breast, settings),
         _fascia_of(settings), None if down is None else _gravity_of(view, down),
         settings.fibres.ratio,
     )  # fmt: skip
     return build_mesh(breast, view, settings.resolution_mm, settings.moduli, support, lattice_shift)
 
 
-def _skin_of(breast: BreastPhantom, settings: CompressionSettings) -> SkinSheet | None:
+def skin_of(breast: BreastPhantom, settings: CompressionSettings) -> SkinSheet | None:
     """Skin as a sheet; None where it is a solid tissue or there is none.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    settings : CompressionSettings
 
     Raises
     ------

@@ -151,6 +151,10 @@ class BalancedHeight:
         self._offset_mm += move
         return plates.at_height(plates.centre_mm + move)
 
+    def halve_steps(self) -> None:
+        """Correct by half as much: a whole correction made it worse."""
+        self._slope *= 2.0
+
     def learn(self, one: Tried[S], other: Tried[S]) -> bool:
         """Take the slope between two heights of the breast itself; False if it is none.
 
@@ -194,5 +198,5 @@ def balanced(plates: Plates, height: BalancedHeight, solve: Solve[S]) -> tuple[P
         if abs(tried.forces.imbalance) < abs(best.forces.imbalance):
             best = tried
         elif not learned:
-            break
+            height.halve_steps()
     return best.plates, best.state

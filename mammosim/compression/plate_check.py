@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mammosim.compression.compress import view_of_compressed
+from mammosim.compression.hyperelastic_model import skin_of
 from mammosim.compression.lattice import Lattice, build_lattice
 from mammosim.compression.model import MODELS
 from mammosim.compression.plates import (
@@ -41,13 +42,14 @@ def check_plates(
     ------
     InputError
         If the breast was compressed for another view, a lesion lies where this view does not hold
-        the breast, or the plates would not touch it.
+        the breast, the plates would not touch it, or skin is described that it does not have.
     """
     view = view_of_compressed(breast, view)
     held = as_held(breast, view.rotation[1])
     if not MODELS[settings.model].compresses:
         refuse_moving(settings)
         return
+    skin_of(held, settings)
     settings = in_millimetres(settings, held, view)
     reach, muscle_fixed = held_tissue(settings, held)
     resolution_mm = max(settings.resolution_mm, 0.5 * slack_mm)
