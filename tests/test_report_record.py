@@ -107,6 +107,10 @@ def test_only_what_was_used_is_cited():
     assert "simpleitk" not in keys({"export": {"volumes": False}})
     assert "samani" not in keys({"targets": {}})
     assert {"samani", "krouskop", "hauge"} <= keys({"targets": {"uncertainty": {"samples": 50}}})
+    assert {"rtk", "dance2011"} & keys({"views": ["CC", {"view": "MLO"}]}) == set()
+    series = {"view": "CC", "projections": 9}
+    assert {"rtk", "dance2011"} & keys({"views": [{"dbt": series}]}) == {"dance2011"}
+    assert {"rtk", "dance2011"} <= keys({"views": [{"dbt": {**series, "reconstruct": {}}}]})
     assert "plotly" in keys({})
     assert "plotly" not in keys({"report": {"three_d": False}})
 

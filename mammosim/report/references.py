@@ -128,6 +128,20 @@ REFERENCES: dict[str, Reference] = {
         "2015.",
         "10.1145/2833157.2833162",
     ),
+    "dance2011": Reference(
+        "dose of a tube angle over that of the upright tube",
+        "Dance DR, Young KC, van Engen RE. Estimation of mean glandular dose for breast "
+        "tomosynthesis: factors for use with the UK, European and IAEA breast dosimetry protocols. "
+        "Phys Med Biol 56:453-471, 2011.",
+        "10.1088/0031-9155/56/2/011",
+    ),
+    "rtk": Reference(
+        "slices of tomosynthesis",
+        "Rit S, Vila Oliva M, Brousmiche S, et al. The Reconstruction Toolkit (RTK), an "
+        "open-source cone-beam CT reconstruction toolkit based on the Insight Toolkit (ITK). "
+        "J Phys Conf Ser 489:012079, 2014.",
+        "10.1088/1742-6596/489/1/012079",
+    ),
     "numpy": Reference(
         "arrays",
         "Harris CR, Millman KJ, van der Walt SJ, et al. Array programming with NumPy. "
@@ -178,6 +192,8 @@ def references_used(settings: Mapping[str, Any]) -> list[Reference]:
     stiffness = compression.get("stiffness", model.usual.get("stiffness", "thesis"))
     targets, report = (settings.get(name) or {} for name in ("targets", "report"))
     varied = targets.get("uncertainty") is not None
+    views = [view for view in settings.get("views") or () if isinstance(view, Mapping)]
+    series = [view["dbt"] for view in views if isinstance(view.get("dbt"), Mapping)]
     used = {
         **{key: key in model.references for one in MODELS.values() for key in one.references},
         "wellman": model.compresses and stiffness == "thesis",
@@ -188,6 +204,8 @@ def references_used(settings: Mapping[str, Any]) -> list[Reference]:
         "krouskop": varied or stiffness == "krouskop",
         "aspiration": stiffness == "aspiration",
         "hauge": varied,
+        "dance2011": bool(series),
+        "rtk": any(one.get("reconstruct") is not None for one in series),
         "plotly": report.get("html", True) and report.get("three_d", True),
         "highdicom": export.get("dicom", True),
         "simpleitk": export.get("volumes", True),
