@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from contextlib import contextmanager, nullcontext
 from datetime import datetime
 from math import isfinite
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
 SECONDS_A_LINE = 30.0
 """Between two lines of a stage's progress where there is no terminal."""
 
+
+SECONDS_AN_EVENT = 0.1
+"""Between two rows of a solver's history that another program is told."""
 
 COMPILING = "compiling, once on a machine, a minute in all"
 """45 s for the example on two cores, 25 to 30 s of it where the first view is compressed."""
@@ -66,6 +71,39 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
 
         with watch_compiling(tell_compiling):
             yield tell
+
+
+@contextmanager
+def event_lines(plan: Plan) -> Iterator[Any]:
+    """Print progress as JSON, one line an event, for a program that follows the run.
+
+    Each has `view`, `stage`, `text`, `share` (0 to 1) and `row`: the solver's numbers or null.
+    """
+    from mammosim.pipeline import RunProgress, stage_in_words
+
+    run, last = RunProgress(plan), 0.0
+
+    def tell(view: str, stage: str, row: Any) -> None:
+        nonlocal last
+        if row is None:
+            run.report(view, stage)
+        elif monotonic() - last < SECONDS_AN_EVENT:
+            return
+        else:
+            last = monotonic()
+        numbers = None if row is None else _numbers(row)
+        text = f"{stage_in_words(view, stage)} ({run.sentence(datetime.now())})"
+        event = {"view": view, "stage": stage, "text": text, "share": run.share, "row": numbers}
+        sys.stdout.write(json.dumps(event) + "\n")
+        sys.stdout.flush()
+
+    yield tell
+
+
+def _numbers(row: Any) -> dict[str, float]:
+    """The finite numbers of a row of a solver's history."""
+    found = {name: row[name] for name in row.dtype.names if row.dtype[name].kind in "fiu"}
+    return {name: float(value) for name, value in found.items() if isfinite(value)}
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from mammosim.cli.progress import progress
+from mammosim.cli.progress import event_lines, progress
 from mammosim.cli.signals import signals_interrupt
 from mammosim.cli.terminal import (
     app,
@@ -111,6 +111,9 @@ def run(
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Show the solver's numbers while it works.")
     ] = False,
+    events: Annotated[
+        bool, typer.Option("--events", hidden=True, help="Progress as JSON, one line an event.")
+    ] = False,
 ) -> None:
     """Run the whole pipeline."""
     with exit_status():
@@ -139,7 +142,7 @@ def run(
         refuse_own_configuration(folder, config)
         with signals_interrupt(), writing(folder):
             saved = RunFolder(folder, settings, title, reuse or ())
-            with progress(plan, verbose) as tell:
+            with event_lines(plan) if events else progress(plan, verbose) as tell:
                 study = simulate(settings, saved, tell)
         _print_summary(study, folder)
         print_warnings(note for note in study.notes if note not in plan.warnings)
@@ -227,6 +230,25 @@ def _cohort_plan(config: Path, changes: Sequence[str]) -> tuple[list[str], tuple
         f"workers here: {plan.workers.count}, threads of each: {plan.workers.threads}",
     ]
     return lines, plan.warnings
+
+
+@app.command()
+def serve(
+    port: Annotated[int, typer.Option(min=1024, max=65535, help="Port of the page.")] = 8765,
+    runs: Annotated[Path, typer.Option(help="Folder of runs, earlier and new ones.")] = Path(
+        "runs"
+    ),
+) -> None:
+    """Open a local page to set up, watch and look at runs (needs mammosim[serve])."""
+    with exit_status(), _examples() as folder:
+        from mammosim.serve import serve as serve_page
+
+        serve_page(port, folder, runs, _run_words, lambda address: say(f"open {address}"))
+
+
+def _run_words(config: Path, folder: Path) -> list[str]:
+    """Arguments that make a run for the page."""
+    return ["run", str(config), "--output", str(folder), "--events"]
 
 
 @app.command()

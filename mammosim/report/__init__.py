@@ -6,6 +6,7 @@ from mammosim.report.keys import ReportKeys
 from mammosim.report.notebook import breast_html, compressed_html, mammogram_html, study_html
 from mammosim.report.page import ReportedView, render_report
 from mammosim.report.plots import plot_breast, plot_compressed, plot_mammogram, plot_study
+from mammosim.report.quantities import key_in_words
 from mammosim.report.record import NOT_HASHED, Status, file_hash, run_hash, run_record
 from mammosim.report.references import REFERENCES, Reference, references_used
 from mammosim.report.settings import ReportSettings
@@ -23,6 +24,7 @@ __all__ = [
     "compressed_html",
     "contact_sheet",
     "file_hash",
+    "key_in_words",
     "mammogram_html",
     "plot_breast",
     "plot_compressed",
