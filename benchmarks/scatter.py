@@ -1,6 +1,6 @@
 """Scatter and dose by Monte Carlo beside references: slabs, plates, pencil beams, dose, TG-195.
 
-    python benchmarks/scatter.py [--photons N] [--only slabs,pencil,dance,tg195,gap,spacing,
+    python benchmarks/scatter.py [--photons N] [--only slabs,kernels,pencil,dance,tg195,gap,spacing,
         breast,time]
 
 References are FDA's MC-GPU (`../shared/data/montecarlo`) and AAPM TG-195. Every line says what was
@@ -51,7 +51,7 @@ from mammosim.acquisition.scatter import SCATTER_MODELS, ScatterCase
 from mammosim.acquisition.scatter.photon_transport import PHOTONS, transported
 from mammosim.acquisition.scatter.scene_layers import shape_of_scatter
 from mammosim.acquisition.scatter_sweep import scatter_sweep
-from mammosim.acquisition.spectrum import Beam
+from mammosim.acquisition.spectrum import REFERENCE_MM, Beam
 from mammosim.geometry import Gantry, View
 from mammosim.projection import CoarseBreast
 from mammosim.projection._coarse_kernels import SampledAs
@@ -162,15 +162,20 @@ def cell_centres(gantry: Gantry, cell_mm: float = CELL_MM) -> tuple[np.ndarray, 
     return np.meshgrid(x, y)
 
 
-def primary(given: Setup, thickness_mm: float, plates: int) -> tuple[np.ndarray, np.ndarray]:
-    """Primary behind the slab and of the open field, keV/mm2, by Beer and Lambert's law."""
+def primary(
+    given: Setup, thickness_mm: float, plates: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Primary behind the slab and of the open field, keV/mm2, by Beer and Lambert's law.
+
+    Also the mean path through the slab, mm.
+    """
     x, y = cell_centres(given.gantry)
     offsets = (np.arange(4) + 0.5) / 4 * CELL_MM - CELL_MM / 2
     spot, plane = given.gantry.focal_spot_mm, -given.gantry.support_to_detector_mm
     mu, weight = given.tables.total, given.spectrum[0] * given.tables.energy_kev
     mixture = 0.5 * (mu[:, 0] + mu[:, 1])
     flat = 3.0 * plates * mu[:, -3] + 1.0 * plates * mu[:, -2]
-    behind, free = np.zeros(x.shape), np.zeros(x.shape)
+    behind, free, mean_path = (np.zeros(x.shape) for _ in range(3))
     heights = (np.arange(100) + 0.5) / 100 * thickness_mm
     for du in offsets:
         for dv in offsets:
@@ -180,11 +185,49 @@ def primary(given: Setup, thickness_mm: float, plates: int) -> tuple[np.ndarray,
                 np.hypot(u, v) * (spot[2] - z) / (spot[2] - plane) < RADIUS_MM for z in heights
             )
             path = inside / 100 * thickness_mm * secant
+            mean_path += path / 16.0
             for e in np.flatnonzero(weight):
                 passed = weight[e] * np.exp(-flat[e] * secant) / secant**3 / 16.0
                 free += passed
                 behind += passed * np.exp(-mixture[e] * path)
-    return behind, free
+    return behind, free, mean_path
+
+
+def case_of(
+    given: Setup, name: str, plates: int, behind: np.ndarray, path: np.ndarray
+) -> ScatterCase:
+    """What the fast model sees of a slab: primary and path lengths."""
+    energy, photons = read_spectrum(f"{name}_nopaddle.spc" if plates else f"{name}.spc")
+    paddle = attenuation_per_mm(BEAM_MATERIALS["polycarbonate"], energy)
+    at_1_m = photons * np.exp(-3.0 * plates * paddle)
+    at_1_m *= (given.gantry.focal_spot_height_mm / REFERENCE_MM) ** 2
+    return ScatterCase(
+        behind, path, round(CELL_MM), given.gantry,
+        Beam("W", "Rh", 0.05, 28.0, energy, at_1_m), find_detector("ideal"), 1.0 * plates,
+        composition(str(DATA / "materials.yaml"), "hydroxyapatite"), support=SUPPORT,
+        paddle_mm=3.0 * plates,
+    )  # fmt: skip
+
+
+def kernels(reference: dict) -> None:
+    """The fast model from path lengths alone, on every slab; goal of 10 % in the outer ring."""
+    for thickness, name, plates in SLABS:
+        wanted = reference["slab"][f"T{thickness} {name} plates{plates}"]
+        given = setup(semicircle(thickness, 4.0), name, plates)
+        behind, free, path = primary(given, thickness, plates)
+        case = case_of(given, name, plates, behind, path)
+        start = time.process_time()
+        found = SCATTER_MODELS["kernels"](case).signal
+        print(
+            f"kernels, slab {thickness} mm, {name}, {'with' if plates else 'no'} plates: "
+            f"{time.process_time() - start:.2f} s of processor time"
+        )
+        for region, cells in regions(given.gantry, thickness).items():
+            under = free if region.startswith("air") else behind
+            line(
+                region, found[cells].sum() / under[cells].sum(), 0.0, wanted[region]["mc"],
+                wanted[region]["err"] / wanted[region]["mc"], KERNEL_GOALS.get(region, 5.0),
+            )  # fmt: skip
 
 
 def regions(gantry: Gantry, thickness_mm: float) -> dict[str, np.ndarray]:
@@ -209,6 +252,7 @@ def regions(gantry: Gantry, thickness_mm: float) -> dict[str, np.ndarray]:
     }
 
 
+KERNEL_GOALS = {"ring 2-10 inside": 10.0, "air 5-15 beyond edge (S/open)": 20.0}
 GOALS = {"centre of mass 20x20": 2.0, "air 5-15 beyond edge (S/open)": 10.0}
 
 
@@ -239,7 +283,7 @@ def slabs(reference: dict, photons: int) -> None:
         m = tallies.margin
         scored = tallies.scatter[:, m:-m, m:-m]
         even = smoothed(tallies.scatter, guide_of(given, plates, m))[:, m:-m, m:-m]
-        behind, free = primary(given, thickness, plates)
+        behind, free, _ = primary(given, thickness, plates)
         for name, cells in regions(given.gantry, thickness).items():
             under = free if name.startswith("air") else behind
             for images, tag in ((scored, ""), (even, ", smoothed")):
@@ -425,17 +469,39 @@ def tg195(photons: int) -> None:
         line(f"  box {number + 1}", energy.mean(), error, boxes[number], np.hypot(own, error), 1.0)
 
 
-def air_gap(photons: int) -> None:
+def air_gap(photons: int, picture: str | None) -> None:
     """Scatter over primary in the middle of a slab as the detector is moved away."""
-    print("air gap, slab of 40 mm, W, no plates: scatter over primary in the middle")
-    for gap in (15.0, 30.0, 100.0, 290.0):
+    print("air gap, slab of 40 mm, W, no plates: scatter over primary in the middle, and theory")
+    gaps, rows = (15.0, 30.0, 100.0, 290.0), []
+    for gap in gaps:
         given = setup(semicircle(40.0, 1.0), "W", 0, gap_mm=gap, rows=320, columns=160)
         tallies = run(given, photons)
-        behind, _ = primary(given, 40.0, 0)
+        behind, _, path = primary(given, 40.0, 0)
         m = tallies.margin
         cells = regions(given.gantry, 40.0)["centre of mass 20x20"]
         scored = tallies.scatter[:, m:-m, m:-m][:, cells].sum(axis=1) / behind[cells].sum()
-        print(f"  {gap:5.0f} mm  {scored.mean():.4f} +- {scored.std(ddof=1) / 4:.4f}", flush=True)
+        theory = SCATTER_MODELS["kernels"](case_of(given, "W", 0, behind, path)).signal
+        rows.append(
+            (scored.mean(), scored.std(ddof=1) / 4, theory[cells].sum() / behind[cells].sum())
+        )
+        print("  {:5.0f} mm  {:.4f} +- {:.4f}, {:.4f}".format(gap, *rows[-1]), flush=True)
+    if picture is not None:
+        _draw_gaps(gaps, np.array(rows), Path(picture))
+
+
+def _draw_gaps(gaps: tuple[float, ...], rows: np.ndarray, path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(5.2, 3.4), layout="constrained")
+    axes.errorbar(gaps, rows[:, 0], rows[:, 1], fmt="o", color="tab:blue", label="Monte Carlo")
+    axes.plot(gaps, rows[:, 2], "s--", color="tab:orange", label="theory (model kernels)")
+    axes.set(xlabel="air gap, mm", ylabel="scatter over primary", ylim=(0.0, None))
+    axes.legend(frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=130, metadata={"Software": None})
 
 
 def spacing(photons: int) -> None:
@@ -535,16 +601,20 @@ def main() -> None:
     """Print the chosen parts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--photons", type=int, default=10 * PHOTONS)
-    parser.add_argument("--only", default="slabs,pencil,dance,tg195,gap,spacing,breast,time")
+    parser.add_argument(
+        "--only", default="slabs,kernels,pencil,dance,tg195,gap,spacing,breast,time"
+    )
+    parser.add_argument("--picture", help="file for the figure of the air gap")
     chosen = parser.parse_args()
     reference = json.loads((DATA / "reference.json").read_text(encoding="utf-8"))
     generated = cache(generated_case)
     parts = {
         "slabs": lambda: slabs(reference, chosen.photons),
+        "kernels": lambda: kernels(reference),
         "pencil": lambda: pencil(reference, chosen.photons),
         "dance": lambda: dance(reference, chosen.photons // 10),
         "tg195": lambda: tg195(chosen.photons // 2),
-        "gap": lambda: air_gap(chosen.photons // 4),
+        "gap": lambda: air_gap(chosen.photons // 4, chosen.picture),
         "spacing": lambda: spacing(chosen.photons),
         "breast": lambda: whole_breast(generated(), 10 * chosen.photons),
         "time": lambda: timing(generated()),

@@ -126,8 +126,18 @@ def test_the_dose_map_is_written_where_it_is_asked_for(paths, tmp_path):
         tmp_path, paths, image, (), ExportSettings(dose_map=True, dicom=False),
         StudyIdentity("0" * 64, "x"),
     )  # fmt: skip
-    read = sitk.GetArrayFromImage(sitk.ReadImage(str(tmp_path / "dose_map.nii.gz")))
+    file = sitk.ReadImage(str(tmp_path / "dose_map.nii.gz"))
+    read = sitk.GetArrayFromImage(file)
     np.testing.assert_array_equal(read.transpose(2, 1, 0), dose.mgy)
+    assert file.GetSpacing() == pytest.approx(dose.spacing_mm)
+    # to the patient's front, left and head: a left breast under a paddle above it, which gets most
+    np.testing.assert_allclose(file.GetDirection(), (0, 1, 0, -1, 0, 0, 0, 0, 1), atol=1e-6)
+    tissue = paths.gantry.detector_edge_mm + dose.origin_mm[0] + 0.5 * dose.spacing_mm[0]
+    assert file.GetOrigin()[1] == pytest.approx(-tissue)
+    upwards = read.mean(axis=(1, 2))
+    upwards = upwards[upwards > 0.0]
+    assert upwards[-1] > 3.0 * upwards[0]
+    assert read[read > 0.0].mean() < image.air_kerma_mgy < read.max()
     assert expose(paths, **KEYS).dose.dose_map is None
 
 
