@@ -18,6 +18,8 @@ from mammosim.compression.lattice import (
 )
 from mammosim.compression.plate_balance import PlateForces
 from mammosim.compression.plates import population_thickness_mm
+from mammosim.compression.plates.placement import _thickness_mm
+from mammosim.compression.settings import CompressionSettings
 from mammosim.geometry import View
 from mammosim.tissues import Moduli, stiffness_kpa
 
@@ -140,6 +142,18 @@ def test_thickness_follows_the_population_and_says_so(breast):
     squeezed = compress(breast, "CC", resolution_mm=3.0)
     assert squeezed.thickness_mm == pytest.approx(population_thickness_mm("CC", volume), abs=0.1)
     assert any("population fit" in note for note in squeezed.notes)
+
+
+def test_a_thickness_that_the_breasts_height_limits_says_so(breast):
+    view, fitted = View("CC", "L"), population_thickness_mm("CC", breast_volume_ml(breast))
+    for height_mm, expected in ((200.0, fitted), (10.0, 8.0)):
+        thickness, (note,) = _thickness_mm(CompressionSettings(), breast, view, height_mm)
+        assert thickness == pytest.approx(expected)
+        assert (f"80 % of the breast's height between the plates ({height_mm:.1f} mm)" in note) == (
+            thickness < fitted
+        )
+        assert f"{expected:.1f} mm" in note
+        assert "the population fit for a breast of" in note
 
 
 def test_a_force_finds_its_thickness(breast):
