@@ -97,6 +97,13 @@ def test_a_breast_compressed_for_one_view_gives_no_other(finished, tmp_path):
         assert "RMLO: compressed.nii.gz was compressed for CC" in result.output
 
 
+def test_converting_an_own_volume_says_what_is_lost(finished, tmp_path):
+    result = invoke("convert", finished / "RMLO" / "compressed.nii.gz", tmp_path / "c.nrrd")
+    assert result.exit_code == 0
+    said = " ".join(result.output.split())
+    assert "labels.json beside compressed.nii.gz (side, view, plates, lesions) was not con" in said
+
+
 def test_the_table_of_a_volume(finished):
     table = find_label_table(finished / "RMLO" / "compressed.nii.gz")
     assert (table.laterality, table.compressed_for) == ("R", "MLO")

@@ -101,11 +101,23 @@ def test_the_configuration_itself_is_never_replaced(user):
 
 
 @pytest.mark.parametrize("name", ["LCC", ".stages"])
-def test_links_in_the_folder_are_not_written_through(user, name):
+def test_a_file_where_a_folder_is_made_is_refused_before_anything_is_computed(user, name):
+    output = user / "out"
+    output.mkdir()
+    (output / name).write_text("mine")
+    result = invoke("run", write(user, **GENERATED), "--output", output, "--overwrite")
+    assert result.exit_code == 2
+    assert "is a file where this run makes a folder" in result.output
+    assert contents(output) == {name: b"mine"}
+
+
+@pytest.mark.parametrize("target", ["elsewhere", "breast.npz", "nowhere"])
+@pytest.mark.parametrize("name", ["LCC", ".stages"])
+def test_links_in_the_folder_are_not_written_through(user, name, target):
     elsewhere, output = user / "elsewhere", user / "out"
     elsewhere.mkdir()
     output.mkdir()
-    (output / name).symlink_to(elsewhere)
+    (output / name).symlink_to(user / target)
     for way in ("--overwrite", "--resume"):
         result = invoke("run", write(user, **GENERATED), "--output", output, way)
         assert result.exit_code == 2
@@ -156,7 +168,7 @@ def test_a_folder_that_vanishes_is_an_error(user, monkeypatch, stage):
     monkeypatch.setattr(simulation, stage, vanish)
     with pytest.raises(InputError, match="was removed during the run"):
         simulate(config, RunFolder(output, config))
-    assert not (output / "run.json").exists()
+    assert not output.exists()  # it is noticed before anything more is written
 
 
 def test_a_later_refusal_marks_what_was_reached(user, monkeypatch):

@@ -15,7 +15,7 @@ from mammosim.config import real_path
 from mammosim.errors import InputError
 from mammosim.export.voxel_files import writer_of
 from mammosim.geometry import VoxelFrame
-from mammosim.phantom import Volume, count_values, open_voxels, read_volume, translated
+from mammosim.phantom import LABELS_FILE, Volume, count_values, open_voxels, read_volume, translated
 from mammosim.tissues import load_label_map
 
 NUMBER_TYPES = (np.uint8, np.int8, np.uint16, np.int16, np.int32)
@@ -90,7 +90,14 @@ def convert_volume(
     nx, ny, nz = values.shape
     frame = VoxelFrame(volume.origin_mm, volume.voxel_mm, (nx, ny, nz))
     write(values, frame, target)
-    return Conversion(frame, counts, volume.orientation, volume.notes)
+    notes = volume.notes
+    if volume.table is not None:
+        notes = (
+            *notes,
+            f"{LABELS_FILE} beside {source.name} (side, view, plates, lesions) was not converted: "
+            "say these by laterality, phantom.compressed_for and phantom.labels",
+        )
+    return Conversion(frame, counts, volume.orientation, notes)
 
 
 def _check_other_files(source: Path, target: Path) -> None:

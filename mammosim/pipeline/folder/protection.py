@@ -33,10 +33,10 @@ def refuse_links(folder: Path) -> None:
     InputError
         Naming the first link.
     """
-    for parent, folders, _ in os.walk(folder, followlinks=False):
-        for name in sorted(folders):
+    for parent, folders, files in os.walk(folder, followlinks=False):
+        for name in sorted([*folders, *files]):
             path = Path(parent, name)
-            if path.is_symlink():
+            if path.is_symlink() and (name in folders or _is_folders_name(path, folder)):
                 raise InputError(
                     f"{path}: is a link to {os.readlink(path)}; a run does not write through links "
                     "in its folder; remove it, or choose another output folder"
@@ -61,8 +61,14 @@ def refuse_inputs_within(folder: Path, config: RunConfig) -> None:
             )
 
 
+def _is_folders_name(path: Path, folder: Path) -> bool:
+    """Whether a run makes a folder of this name."""
+    own = path.name == STAGES_FOLDER or VIEW_FOLDER.fullmatch(path.name) is not None
+    return own and path.parent == folder
+
+
 def refuse_strangers(folder: Path, config: RunConfig) -> None:
-    """Refuse a folder with files of a run's names that no run wrote.
+    """Refuse a folder with files of a run's names that no run wrote, or where it makes folders.
 
     Other files may lie there; they are left alone.
 
@@ -77,7 +83,15 @@ def refuse_strangers(folder: Path, config: RunConfig) -> None:
     InputError
         Naming the first file.
     """
-    if not folder.is_dir() or _is_runs(folder):
+    if not folder.is_dir():
+        return
+    for path in sorted(folder.iterdir()):
+        if not path.is_dir() and (_is_folders_name(path, folder) or _is_views(path.name, config)):
+            raise InputError(
+                f"{path}: is a file where this run makes a folder; move it away, or choose another "
+                "output folder"
+            )
+    if _is_runs(folder):
         return
     for path in sorted(folder.iterdir()):
         if path.name in OWN_FILES:

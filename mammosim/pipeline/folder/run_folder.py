@@ -116,13 +116,19 @@ class RunFolder:
             write_yaml(self._config.plain(), part)
         self._begun = path.stat()
 
+    def _begin_or_go_on(self) -> None:
+        """Take the folder, or refuse to go on where it was removed or replaced meanwhile."""
+        if self._begun is None:
+            self._begin()
+        else:
+            self._check_presence()
+
     def write_phantom(self, breast: BreastPhantom) -> None:
         """Write the uncompressed breast, once; one that was read between plates is not known.
 
         Where both breasts are imaged, each has a folder, `L` and `R`.
         """
-        if self._begun is None:
-            self._begin()
+        self._begin_or_go_on()
         wanted = self._config.export.volumes and breast.compressed is None
         if not wanted or breast.laterality in self._sides_written:
             return
@@ -136,8 +142,7 @@ class RunFolder:
 
     def write_compression(self, squeezed: CompressedBreast) -> None:
         """Write a view's compressed labels, displacement, history and measures."""
-        if self._begun is None:
-            self._begin()
+        self._begin_or_go_on()
         settings = self._config.export
         wanted = settings.volumes or settings.compressed_formats
         labels, frame = compressed_labels(squeezed) if wanted else (None, None)
@@ -148,6 +153,7 @@ class RunFolder:
         """Write a view's pictures and masks, of a mammogram or of a series of projections."""
         if result.paths is None or result.mammogram is None:
             return
+        self._begin_or_go_on()
         folder, export = self.path / result.squeezed.view.folder, self._config.export
         if result.series is not None:
             write_series(
@@ -229,9 +235,10 @@ class RunFolder:
             if side in self._sides_written:
                 write_markups(view.targets, seen, False, self._side_folder(side) / MARKUPS_FILE)
 
-    def _check_presence(self, study: Study) -> None:
+    def _check_presence(self, study: Study | None = None) -> None:
         """Refuse to call a run whole whose folder was removed or replaced meanwhile."""
-        for name in ("config.yaml", *(f"{view}/compression.json" for view in study.views)):
+        views = study.views if study else {}
+        for name in ("config.yaml", *(f"{view}/compression.json" for view in views)):
             if not (self.path / name).is_file():
                 raise InputError(
                     f"{self.path / name}: was removed during the run; its results are incomplete"
