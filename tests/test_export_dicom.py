@@ -260,6 +260,9 @@ def test_the_unit_is_described(written):
     # Time and current give the tube load back, to the rounding of whole milliseconds.
     load_mas = dataset.ExposureTime * dataset.XRayTubeCurrent / 1e3
     assert load_mas == pytest.approx(90.123, abs=0.06)
+    small = written(VIEWS[0], "presentation", focal_spot_mm=0.1)
+    assert (dataset.XRayTubeCurrent, small.XRayTubeCurrent) == (100, 25)
+    assert small.ExposureTime == pytest.approx(4.0 * dataset.ExposureTime, abs=2)
     assert "VOILUTFunction" not in dataset
     assert written(VIEWS[0], "processing", detector="a-Se-70").DetectorType == "DIRECT"
 

@@ -2,11 +2,16 @@
 
 import numpy as np
 
-from mammosim._jit import kernel
+from mammosim._jit import kernel, parallel_kernel, share
 
 _EDGE_SLACK = 1e-9
 """Barycentric coordinates this far below 0 still count as inside, so that no point falls between
 two tetrahedra."""
+
+_MEETING_STEPS = 4
+_MET = 1e-6
+"""Newton steps to the trilinear field's inverse, and the square of the distance, lattice units, at
+which it is met: a thousandth of a cell, which two steps reach where nothing folds."""
 
 # The six tetrahedra of a cube that share its diagonal 0-7 (Kuhn 1960); corner = 4 a + 2 b + c.
 KUHN_TETRAHEDRA = np.array(
@@ -103,3 +108,67 @@ def _invert(m, out):
     out[1, 2] = (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]) / determinant
     out[2, 2] = (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) / determinant
     return True
+
+
+@parallel_kernel
+def meet_trilinearly(thread, displacement, per_cell, shift, rank, original):
+    """Move places of `rasterise_inverse` to those that the trilinear field brings to its points.
+
+    Places that do not come closer, as where cells are folded, stay.
+    """
+    for i in share(thread, 0, rank.shape[0]):
+        wanted = np.empty(3)
+        place = np.empty(3)
+        miss = np.empty(3)
+        gradient = np.empty((3, 3))
+        inverse = np.empty((3, 3))
+        for j in range(rank.shape[1]):
+            for k in range(rank.shape[2]):
+                if rank[i, j, k] == 0:
+                    continue
+                wanted[0] = (i + shift[0]) / per_cell
+                wanted[1] = (j + shift[1]) / per_cell
+                wanted[2] = (k + shift[2]) / per_cell
+                for d in range(3):
+                    place[d] = original[i, j, k, d]
+                least = np.inf
+                for _ in range(_MEETING_STEPS):
+                    _miss_and_gradient(displacement, place, wanted, miss, gradient)
+                    square = miss[0] ** 2 + miss[1] ** 2 + miss[2] ** 2
+                    if square >= least:
+                        break
+                    least = square
+                    for d in range(3):
+                        original[i, j, k, d] = place[d]
+                    if square < _MET or not _invert(gradient, inverse):
+                        break
+                    for d in range(3):
+                        for e in range(3):
+                            place[d] -= inverse[d, e] * miss[e]
+
+
+@kernel
+def _miss_and_gradient(displacement, place, wanted, miss, gradient):
+    """How far the trilinear field brings a place beyond a wanted point, and the gradient of that.
+
+    Beyond the lattice the field goes on as in its outermost cells.
+    """
+    low = np.empty(3, np.int64)
+    part = np.empty(3)
+    for d in range(3):
+        low[d] = min(max(int(np.floor(place[d])), 0), displacement.shape[d] - 2)
+        part[d] = place[d] - low[d]
+        miss[d] = place[d] - wanted[d]
+        for e in range(3):
+            gradient[d, e] = 1.0 if d == e else 0.0
+    for n in range(8):
+        a, b, c = n // 4, (n // 2) % 2, n % 2
+        x = part[0] if a else 1.0 - part[0]
+        y = part[1] if b else 1.0 - part[1]
+        z = part[2] if c else 1.0 - part[2]
+        for d in range(3):
+            value = displacement[low[0] + a, low[1] + b, low[2] + c, d]
+            miss[d] += x * y * z * value
+            gradient[d, 0] += (2 * a - 1) * y * z * value
+            gradient[d, 1] += x * (2 * b - 1) * z * value
+            gradient[d, 2] += x * y * (2 * c - 1) * value

@@ -62,10 +62,14 @@ class DisplacementField:
     @cached_property
     def inverse(self) -> InverseMap:
         """The map back to the uncompressed breast, on a regular grid."""
-        return self.inverse_with(1)
+        return invert(self.frame, self.displacement_mm, self.tissue)
 
     def inverse_with(self, per_cell: int) -> InverseMap:
-        """The same map with several grid points per lattice cell along each axis; not kept."""
+        """The same map with several grid points per lattice cell along each axis; not kept.
+
+        Its points are those of the trilinear field; those of `inverse` are linear in tetrahedra,
+        which differ from it within a cell.
+        """
         return invert(self.frame, self.displacement_mm, self.tissue, per_cell)
 
     def original_point(self, points_mm: ArrayLike) -> NDArray[np.float64]:

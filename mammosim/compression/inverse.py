@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression._inverse_kernels import KUHN_TETRAHEDRA, rasterise_inverse
+from mammosim.compression._inverse_kernels import (
+    KUHN_TETRAHEDRA,
+    meet_trilinearly,
+    rasterise_inverse,
+)
 from mammosim.compression.continuation import continued
 from mammosim.geometry import VoxelFrame
 
@@ -56,7 +60,9 @@ def invert(
     -----
     Each deformed cell is cut into six tetrahedra in which the field is linear; grid points inside
     get the exact inverse of that. Where tissue folds over itself, cells deeper inside win. With
-    one point per cell the grid's points coincide with the nodes where nothing moves.
+    one point per cell the grid's points coincide with the nodes where nothing moves. With more,
+    Newton steps lead from there to the inverse of the trilinear field, which other programs take
+    from `displacement.nii.gz`.
     """
     displacement = displacement_mm / frame.spacing_mm
     index = np.argwhere(tissue)
@@ -67,6 +73,8 @@ def invert(
     original = np.full((*shape, 3), np.nan)
     rank = np.zeros(shape, np.int8)
     rasterise_inverse(displacement, tissue, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank)
+    if per_cell > 1:
+        meet_trilinearly(displacement, float(per_cell), shift, rank, original)
     covered = rank > 0
     layers = per_cell * RIM_LAYERS
     rim = continued(covered[None].astype(np.float32), covered, layers)[0] > 0.0

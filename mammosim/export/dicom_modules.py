@@ -74,6 +74,10 @@ _DETECTOR_TYPE = {"Se": "DIRECT", "CsI": "SCINTILLATOR"}
 # and a time. Assumed.
 TUBE_CURRENT_MA = 100.0
 
+# Of the small focal spot, nominally 0.1 mm, up to which size: its anode takes about a quarter of
+# the current (25 mA is the usual limit of textbooks).
+SMALL_SPOT_MM, SMALL_SPOT_CURRENT_MA = 0.15, 25.0
+
 _EVENTS = ("Study", "Series", "Acquisition", "Content", "InstanceCreation")
 
 _MGY_PER_DGY = 100.0  # Organ Dose (0040,0316) is in dGy
@@ -312,12 +316,13 @@ def technique(mammogram: Mammogram) -> dict[str, Any]:
     dose_dgy = mammogram.dose_mgy / _MGY_PER_DGY
     spot_mm = mammogram.focal_spot_mm
     measures = mammogram.measures
+    current_ma = SMALL_SPOT_CURRENT_MA if spot_mm <= SMALL_SPOT_MM else TUBE_CURRENT_MA
     return {
         "KVP": decimal_string(mammogram.kvp),
         "Exposure": _integer_string(mammogram.mas),
         "ExposureInuAs": _integer_string(mammogram.mas * _UAS_PER_MAS),
-        "ExposureTime": _integer_string(1e3 * mammogram.mas / TUBE_CURRENT_MA),
-        "XRayTubeCurrent": _integer_string(TUBE_CURRENT_MA),
+        "ExposureTime": _integer_string(1e3 * mammogram.mas / current_ma),
+        "XRayTubeCurrent": _integer_string(current_ma),
         "ExposureControlMode": "AUTOMATIC" if mammogram.automatic_exposure else "MANUAL",
         "RelativeXRayExposure": _integer_string(measures.get("exposure_index", math.nan)),
         "FocalSpots": decimal_string(spot_mm),
