@@ -334,6 +334,11 @@ def test_a_magnified_view_does_not_change_the_crop_of_the_others():
     magnified = dataclasses.replace(large, gantry=gantry)
     alone = common_crops([contact], [[]]) + common_crops([magnified], [[]])
     assert common_crops([contact, magnified], [[], []]) == alone
+    squeezed = make_compressed(View("CC", "R"))
+    views = [ReportedView(squeezed, mammogram) for mammogram in (contact, magnified)]
+    ((first, second),) = [row["single"] for row in hanging(views, [], ReportSettings())]
+    # 2 cm in the breast: 650/365 against 650/635 times as long on the detector.
+    assert second.two_cm_px / first.two_cm_px == pytest.approx(635.0 / 365.0)
 
 
 def test_a_crop_keeps_within_the_image_and_marks_within_the_crop():

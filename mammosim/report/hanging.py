@@ -63,7 +63,7 @@ class Picture:
     outside : list of Target
         Targets that do not lie in the picture.
     two_cm_px : float
-        Length of the scale bar.
+        Length of the scale bar: that of 2 cm at the breast support, as Pixel Spacing has it.
     font_px : float
         Size of the numbers' font.
     """
@@ -158,7 +158,9 @@ def _exposed(
         technique[2] += f", the middle one of {count:.0f} projections"
     shown = [target.name for target in here if target.in_field and target.is_lesion]
     lesions = ", ".join(shown) or "no lesion"
-    bar_px, marks = _BAR_MM / mammogram.gantry.pixel_mm, markers(here, mammogram.gantry)
+    gantry = mammogram.gantry
+    bar_px = _BAR_MM * gantry.magnification / gantry.pixel_mm
+    marks = markers(here, gantry)
     return Picture(
         name=name,
         side=name[0],
