@@ -351,6 +351,15 @@ def test_lesions_and_paddles_of_the_default_map(tmp_path):
     assert read_phantom(tmp_path / "b.npy").labels[6].max() == 0
 
 
+def test_both_breasts_in_one_file_are_noted(tmp_path):
+    labels = np.zeros((12, 40, 16), np.uint8)
+    labels[1:10, 3:17, 2:14] = labels[1:10, 23:37, 3:14] = 1
+    np.save(tmp_path / "b.npy", labels)
+    notes = read_phantom(tmp_path / "b.npy", laterality="L", voxel_mm=2.0).notes
+    assert any("92 % of the other's volume, as of both breasts in one file" in one for one in notes)
+    assert not any("specks" in one for one in notes)
+
+
 @needs_victre
 def test_the_fda_phantom():
     breast = read_phantom(VICTRE, "victre")

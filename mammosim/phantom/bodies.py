@@ -20,12 +20,15 @@ class Bodies:
         Number of bodies besides the largest.
     speck_voxels : int
         Voxels in them.
+    second_share : float
+        Voxels of the second largest body over those of the main one; 0 without another body.
     tip_index : ndarray, (3,)
         Fractional index of the centre of the main body's most anterior voxels.
     """
 
     specks: int
     speck_voxels: int
+    second_share: float
     tip_index: NDArray[np.float64]
 
 
@@ -58,4 +61,5 @@ def find_bodies(labels: NDArray[np.uint8]) -> Bodies:
         float(np.average(middles, weights=lengths)),
     ]
     specks = int((voxels > 0).sum()) - 1
-    return Bodies(specks, int(voxels.sum() - voxels[main]), np.array(tip))
+    second_share = float(np.delete(voxels, main).max(initial=0.0) / voxels[main])
+    return Bodies(specks, int(voxels.sum() - voxels[main]), second_share, np.array(tip))

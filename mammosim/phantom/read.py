@@ -25,6 +25,10 @@ from mammosim.phantom.translate import count_values, translated
 from mammosim.phantom.voxels import read_volume
 from mammosim.tissues import DEFAULT_LABELS, LABEL_MAPS, TISSUES, load_label_map
 
+SECOND_BREAST_SHARE = 0.3
+"""Of the largest body's volume: more than this apart from it is no speck but may be the other
+breast; the two breasts of a woman differ by less. Assumed."""
+
 
 def read_phantom(
     path: str | os.PathLike[str],
@@ -108,7 +112,13 @@ def read_phantom(
     found, lesion_notes = number_lesions(voxels, frame, str(path), *rest, taken=own)
     lesions += found
     notes = [*volume.notes, *side_notes, *lesion_notes]
-    if bodies.specks:
+    if bodies.second_share > SECOND_BREAST_SHARE:
+        notes.append(
+            f"two bodies of tissue lie apart, one with {100.0 * bodies.second_share:.0f} % of the "
+            "other's volume, as of both breasts in one file; expected one breast: give each a file "
+            "of its own, as phantom.file: {L: left.mhd, R: right.mhd}"
+        )
+    elif bodies.specks:
         notes.append(
             f"{bodies.specks} specks ({bodies.speck_voxels} voxels) lie apart from the main body; "
             "they were kept"
