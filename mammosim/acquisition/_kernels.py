@@ -222,8 +222,6 @@ class ToneCurve(NamedTuple):
         Grey that the shoulder of the base nears.
     gain : float
         Contrast of details over that of the base.
-    edge_start : float
-        Part of the skin line's attenuation from which equalization sets in.
     """
 
     fat: float
@@ -234,13 +232,12 @@ class ToneCurve(NamedTuple):
     shoulder: float
     white: float
     gain: float
-    edge_start: float
 
 
 @kernel
-def _edge_part(ratio: float, start: float) -> float:
+def _edge_part(place: float) -> float:
     """Part of the missing attenuation that is added: 0 in air, 1 from the skin line inwards."""
-    ramp = min(max((ratio - start) / (1.0 - start), 0.0), 1.0)
+    ramp = min(max(place, 0.0), 1.0)
     return ramp * ramp * (3.0 - 2.0 * ramp)
 
 
@@ -263,7 +260,7 @@ def present_kernel(
     thread: Thread,
     attenuation: F32,
     missing: F64,
-    edge: F64,
+    rise: F64,
     base: F64,
     cell: float,
     curve: ToneCurve,
@@ -272,19 +269,18 @@ def present_kernel(
 ) -> None:
     """Add what the margin lacks, split the sum into base and detail, and show both as grey.
 
-    `missing` and `base` are coarse and interpolated linearly. Detail is added to the base, weak
-    detail times the gain, and raised where the curve is flat; the curve's toe shows the sum, and on
-    its shoulder detail keeps a part of its contrast. The sum is bent at white once more, so that
-    nothing is clipped.
+    `missing`, `rise` and `base` are coarse and interpolated linearly. Detail is added to the base,
+    weak detail times the gain, and raised where the curve is flat; the curve's toe shows the sum,
+    and on its shoulder detail keeps a part of its contrast. The sum is bent at white once more, so
+    that nothing is clipped.
     """
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
     rows, columns = attenuation.shape
     for row in share(thread, 0, rows):
         for column in range(columns):
             y, x = (row + 0.5) / cell - 0.5, (column + 0.5) / cell - 0.5
-            part = _edge_part(
-                attenuation[row, column] / _interpolated(edge, y, x), curve.edge_start
-            )
+            place = _interpolated(rise, y, x)
+            part = _edge_part(place)
             level = attenuation[row, column] + part * _interpolated(missing, y, x)
             smooth = _interpolated(base, y, x)
             if smooth <= curve.fat and level < smooth - 2.0 * curve.contrast:
@@ -293,7 +289,8 @@ def present_kernel(
             straight = curve.fat_grey + slope * (smooth - curve.fat)
             shown = _bent(straight, curve.toe, curve.shoulder, curve.white)
             detail = level - smooth
-            weak = DETAIL_LIMIT * tanh(detail / DETAIL_LIMIT)
+            # near the edge it is no detail but the edge, whose base is coarse
+            weak = _edge_part(0.5 * place) * DETAIL_LIMIT * tanh(detail / DETAIL_LIMIT)
             more = (curve.gain - 1.0) * weak
             # of the base's curve there: its toe and its shoulder are exponential
             on_toe = max(min(shown / curve.toe, 1.0), FLATTEST_TOE)

@@ -28,7 +28,7 @@ class Look:
 SHARP_MM = 0.2
 """Width of the Gaussian above which sharpness does nothing, mm."""
 
-SHARP_LIMIT = 0.025
+SHARP_LIMIT = 0.02
 """Details (ln) well below this are raised in full, those above not at all."""
 
 LOOKS = {"crisp": Look(1.35, 0.07, 0.8), "soft": Look(1.15, 0.10, 0.35)}

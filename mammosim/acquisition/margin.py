@@ -29,20 +29,24 @@ MIN_NIPPLE_MM = 2.0
 BEYOND_MM = 2.0
 """Farther from the breast nothing is added: other objects in the field are not equalized."""
 
-NIPPLE_SIGMAS_MM = (0.5, 1.5)
-"""A nipple is equalized by its own attenuation, the lower of the means on these two scales: the
-narrow one reaches the cleft at its base."""
+NIPPLE_SIGMA_MM = 2.0
+"""A nipple is equalized by its own attenuation on this scale: its shape stays visible."""
 
-NIPPLE_ZONE_MM = (2.5, 6.0)
+NIPPLE_CLEFT_MM = 0.5
+"""Nor by more than its attenuation on this scale, which reaches the cleft at its base."""
+
+NIPPLE_ZONE_MM = (0.0, 7.0)
 """Up to the first distance from what protrudes this is done in full, at the second not at all."""
 
-NIPPLE_EDGE = 0.8
-"""Part of its mean attenuation at which a nipple's own edge ends."""
+NIPPLE_ABOVE_FAT = 0.0
+"""A nipple is shown by this much (ln) brighter than fat. On clinical images with a nipple in
+profile it is a faint dome, brightest where it joins the skin line."""
 
-NIPPLE_BELOW_FAT = -0.05
-"""A nipple is shown by this much (ln) darker than fat, here a little brighter, so that no dark gap
-opens between it and the skin line. On clinical images with a nipple in profile it is at the dark
-end of the breast's grey levels, and joins the skin line."""
+NIPPLE_CONTOUR_MM = 0.7
+"""As `CONTOUR_SIGMA_MM` for a nipple, which is smaller."""
+
+NIPPLE_RISE = 0.6
+"""How fast a nipple rises from black, against the skin line: its edge is rounder."""
 
 WIDE_CELL_MM = 2.0
 """Grid of the filters along the margin, which are far wider."""
@@ -50,16 +54,31 @@ WIDE_CELL_MM = 2.0
 ALONG_EDGE_SIGMA_MM = 12.0
 """Width of the averages along the margin."""
 
-SKIN_DEPTHS_MM = (0.6, 1.4, 2.2)
-"""Where the attenuation of the skin line is taken."""
-
 RING_DEPTHS_MM = (4.0, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 25.0, 30.0)
 """Depths at which the profile of the margin is taken; the breast is at full thickness at the last.
 Nearer the edge, skin seen along its surface attenuates more than what lies below it."""
 
-FAT_START_MM = 0.35
-"""Depth at which the ellipse of fat starts: outermost there is skin alone. Its thickness would be
-right, but a ray that far out has passed through skin that the plates have spread; by eye."""
+EDGE_MM = 0.5
+"""Depth of the true edge: smoothing puts the mask's about a cell farther out."""
+
+EDGE_RISE_MM = 1.2
+"""Over this depth the equalization sets in. A scanner's follows the smoothed image and misses the
+outermost millimetre, so that the skin line rises from black over about that, as it does on
+clinical images (0.55 to 1.65 mm)."""
+
+PROFILE_SIGMA_MM = 1.5
+"""The profile of fat is smoothed by this before it is made up for, as scanners' estimates of the
+thickness are: just inside the edge a little too much is added, and too little at it."""
+
+SKIN_MM = 1.5
+"""Thickness of skin; 1.45 mm on average (Huang et al. 2008, Med Phys 35:1199)."""
+
+SKIN_ABOVE_FAT = 0.45
+"""Attenuation of skin over that of as much fat, less 1: between 15 and 25 keV 0.5 to 0.4 by the
+tissues' own compositions."""
+
+ROUNDING_STEPS = 4
+"""Fixed-point steps for the margin's rounding; the last changes it by some per cent."""
 
 PROFILE_STEP_MM = 0.5
 """Step of the mean profile over depth."""
@@ -149,8 +168,8 @@ def missing_attenuation(
     -------
     missing : ndarray of float64, [row, column]
         Attenuation (ln), 0 beyond the margin; in air, that of the nearest edge.
-    edge : ndarray of float64, [row, column]
-        Attenuation (ln) of the skin line near by, from which on the whole of it is missing.
+    rise : ndarray of float64, [row, column]
+        Place on the ramp of the skin line: of what is missing nothing is added at 0, all from 1.
     plateau : float
         Attenuation of fat at full thickness, ln.
 
@@ -159,20 +178,24 @@ def missing_attenuation(
     The profile of fat over depth is measured in rings below the skin, as a low expectile (Newey
     and Powell 1987, Econometrica 55:819) over `ALONG_EDGE_SIGMA_MM` of the margin. From the
     outermost ring to the edge it is continued as an ellipse, since a free surface between two
-    plates is rounded, so that skin keeps the height above fat that its own attenuation gives it.
-    A nipple is equalized by itself. Nothing in a breast attenuates less than fat; what does in the
-    sum is thinner than its surroundings, as between folds, and is brought up to it.
+    plates is rounded. What a layer of skin on that surface adds is taken off, so that skin keeps
+    the height above fat that its own attenuation gives it: most where it is seen along its
+    surface, then less and less over some millimetres. A nipple is equalized by itself. Nothing in
+    a breast attenuates less than fat; what does in the sum is thinner than its surroundings, as
+    between folds, and is brought up to it.
     """
     plateau = _plateau(coarse, margin, fat)
     rings = _ring_profiles(coarse, margin)
-    expected = _at_depth(np.minimum(rings[1:], plateau), margin.depth_mm, plateau)
+    expected = _at_depth(np.minimum(rings, plateau), margin.depth_mm - EDGE_MM, plateau)
+    sigma = PROFILE_SIGMA_MM / margin.cell_mm
+    expected = ndimage.gaussian_filter(np.maximum(expected, 0.0), sigma, mode="nearest")
     missing = np.maximum(plateau - expected, 0.0)
-    edge = np.maximum(rings[0], AIR_LEVEL)
+    rise = (margin.depth_mm - EDGE_MM) / EDGE_RISE_MM
     if not margin.body[margin.breast].all():
-        missing, edge = _with_nipple(missing, edge, coarse, margin, plateau)
+        missing, rise = _with_nipple(missing, rise, coarse, margin, plateau)
     missing += _thin_places(coarse + missing, margin, plateau)
     missing[distance_to(margin.breast) * margin.cell_mm > BEYOND_MM] = 0.0
-    return missing, edge, plateau
+    return missing, rise, plateau
 
 
 def smooth_step(place: F64) -> F64:
@@ -228,14 +251,14 @@ def _plateau(coarse: F64, margin: Margin, fat: float | None) -> float:
 
 
 def _ring_profiles(coarse: F64, margin: Margin) -> F64:
-    """Attenuation of the skin line and of fat at each of `RING_DEPTHS_MM`, [ring, row, column]."""
+    """Attenuation of fat at each of `RING_DEPTHS_MM`, [ring, row, column]."""
     wide = cell_pixels(WIDE_CELL_MM, margin.cell_mm)
     sigma = ALONG_EDGE_SIGMA_MM / (wide * margin.cell_mm)
     usual = _mean_profile(coarse, margin)
     # what differs from the breast's mean profile hardly changes with depth within a ring
     differs = coarse - np.interp(margin.depth_mm, *usual)
     profiles: list[F64] = []
-    for number, depths in enumerate(_rings()):
+    for depths in _rings():
         # before the first depth and behind the third a ring weighs nothing
         weight = np.interp(margin.depth_mm, depths, (0.0, 1.0, 0.0), left=0.0, right=0.0)
         weight[~margin.body] = 0.0
@@ -246,7 +269,7 @@ def _ring_profiles(coarse: F64, margin: Margin) -> F64:
         total = block_mean(weight * differs, wide)
         values = np.divide(total, share, out=np.zeros_like(total), where=share > 0.0)
         profile = np.interp(depths[1], *usual) + _local_expectile(values, share, sigma)
-        profiles.append(profile if number < 2 else np.maximum(profiles[-1], profile))
+        profiles.append(np.maximum(profiles[-1], profile) if profiles else profile)
     return np.stack([_on_fine_grid(profile, coarse.shape, wide) for profile in profiles])
 
 
@@ -262,8 +285,7 @@ def _mean_profile(coarse: F64, margin: Margin) -> tuple[F64, F64]:
 
 
 def _rings() -> Iterator[tuple[float, float, float]]:
-    """Depth of the skin line and of each ring, between those at which their weight is 0, mm."""
-    yield SKIN_DEPTHS_MM
+    """Depth of each ring, between those at which its weight is 0, mm."""
     first, second = RING_DEPTHS_MM[:2]
     depths = (2.0 * first - second, *RING_DEPTHS_MM, 1.2 * RING_DEPTHS_MM[-1])
     yield from zip(depths, depths[1:], depths[2:], strict=False)
@@ -292,40 +314,62 @@ def _on_fine_grid(wide_values: F64, shape: tuple[int, ...], wide: int) -> F64:
 
 def _at_depth(rings: F64, depth_mm: F64, plateau: float) -> F64:
     """Attenuation of fat at each place's depth; an ellipse outside the first ring."""
-    depths = np.array(RING_DEPTHS_MM)
+    depths = np.array(RING_DEPTHS_MM) - EDGE_MM
     place = np.interp(depth_mm, depths, np.arange(depths.size))
     below = np.minimum(place.astype(np.intp), depths.size - 2)
     part = place - below
     low, high = (np.take_along_axis(rings, (below + step)[None], 0)[0] for step in (0, 1))
     inner = (1.0 - part) * low + part * high
-    # through the first ring goes plateau * sqrt(1 - (1 - depth / rounding)^2)
-    ratio = np.clip(rings[0] / plateau, 0.0, 1.0)
-    rounding = depths[0] / np.maximum(1.0 - np.sqrt(1.0 - ratio**2), 1e-6)
-    rounding = np.clip(rounding, MIN_ROUNDING_MM, MAX_ROUNDING_MM)
-    outer = np.clip(depth_mm - FAT_START_MM, 0.0, depths[0] - FAT_START_MM) / rounding
-    outer = rings[0] * _ellipse(outer) / _ellipse((depths[0] - FAT_START_MM) / rounding)
+    # the first ring is an ellipse of fat and what skin adds to it
+    first = np.clip(rings[0] / plateau, 0.0, 1.0)
+    rounding = np.full(first.shape, MAX_ROUNDING_MM)
+    for _ in range(ROUNDING_STEPS):
+        fat = np.clip(first - _skin_part(depths[0], rounding), 0.0, 1.0)
+        rounding = depths[0] / np.maximum(1.0 - np.sqrt(1.0 - fat**2), 1e-6)
+        rounding = np.clip(rounding, MIN_ROUNDING_MM, MAX_ROUNDING_MM)
+    fat = rings[0] - plateau * _skin_part(depths[0], rounding)
+    outer = fat * _ellipse(depth_mm / rounding) / _ellipse(depths[0] / rounding)
+    inner = inner - plateau * _skin_part(depth_mm, rounding)
     return np.where(depth_mm < depths[0], outer, inner)
+
+
+def _skin_part(depth_mm: F64 | float, rounding_mm: F64) -> F64:
+    """What skin adds to the attenuation of as much fat, against fat at full thickness.
+
+    Its length along a ray is that between two ellipses; what it has on both faces of the middle of
+    the breast belongs to the level of fat.
+    """
+    deep = 1.0 - _ellipse(1.0 - SKIN_MM / rounding_mm)
+    between = _ellipse(depth_mm / rounding_mm) - _ellipse((depth_mm - SKIN_MM) / rounding_mm)
+    return SKIN_ABOVE_FAT * np.maximum(between - deep, 0.0)
 
 
 def _ellipse(part: F64) -> F64:
     """Height of an ellipse over the distance from its edge, both as parts of the semi-axes."""
-    height: F64 = np.sqrt(np.maximum(1.0 - (1.0 - np.minimum(part, 1.0)) ** 2, 0.0))
+    height: F64 = np.sqrt(np.maximum(1.0 - (1.0 - np.clip(part, 0.0, 1.0)) ** 2, 0.0))
     return height
 
 
 def _with_nipple(
-    missing: F64, edge: F64, coarse: F64, margin: Margin, plateau: float
+    missing: F64, rise: F64, coarse: F64, margin: Margin, plateau: float
 ) -> tuple[F64, F64]:
     """The same, where a nipple in profile lacks all but what it has on average."""
-    from_nipple_mm = distance_to(margin.breast & ~margin.body) * margin.cell_mm
+    cell_mm = margin.cell_mm
+    from_nipple_mm = distance_to(margin.breast & ~margin.body) * cell_mm
     near, far = NIPPLE_ZONE_MM
     zone = smooth_step((far - from_nipple_mm) / (far - near))
-    own = np.minimum(
-        *(_local_mean(coarse, margin.breast, sigma / margin.cell_mm) for sigma in NIPPLE_SIGMAS_MM)
+    sigma = NIPPLE_SIGMA_MM / cell_mm
+    # each from its own side, or the step between them would open a dark gap
+    parts = (
+        _local_mean(coarse, part, sigma) for part in (margin.body, margin.breast & ~margin.body)
     )
-    own_edge = np.clip(NIPPLE_EDGE * own, AIR_LEVEL, edge)
-    own_missing = np.maximum(plateau - NIPPLE_BELOW_FAT - own, 0.0)
-    return missing + zone * (own_missing - missing), edge + zone * (own_edge - edge)
+    near_by = _local_mean(coarse, margin.breast, NIPPLE_CLEFT_MM / cell_mm)
+    own = np.minimum(np.where(margin.body, *parts), near_by)
+    own_missing = np.maximum(plateau + NIPPLE_ABOVE_FAT - own, 0.0)
+    outline_mm = _signed_depth(margin.breast, NIPPLE_CONTOUR_MM / cell_mm) * cell_mm
+    own_rise = NIPPLE_RISE * (outline_mm - EDGE_MM) / EDGE_RISE_MM
+    rise = np.maximum(rise, 0.0) + zone * np.maximum(own_rise, 0.0)
+    return missing + zone * (own_missing - missing), rise
 
 
 def _thin_places(level: F64, margin: Margin, plateau: float) -> F64:

@@ -17,10 +17,6 @@ from mammosim.acquisition.muscle import muscle_of
 CELL_MM = 0.5
 """Grid of mask, depth and base."""
 
-EDGE_START = 0.10
-"""Equalization sets in from this part of the skin line's attenuation, and is full at all of it, so
-that the skin line rises from black over about the millimetre that it does on clinical images."""
-
 LEVELS_DEPTH_MM = 8.0
 """The levels of fat and gland are taken deeper than this."""
 
@@ -36,7 +32,7 @@ MIN_CONTRAST, MAX_CONTRAST = 0.45, 1.0
 the first; what an all-dense breast (about 40 mm of gland) has beyond the second goes into the
 shoulder of the curve."""
 
-FAT_GREY, GLAND_GREY = 0.14, 0.64
+FAT_GREY, GLAND_GREY = 0.13, 0.64
 """Grey of fat and of gland. On twelve clinical CC images the 5th percentile of grey in the breast
 is 0.08 to 0.22, the 99th 0.55 to 0.75."""
 
@@ -127,19 +123,16 @@ def present(
     margin = find_margin(coarse, cell * pixel_mm)
     pixels = np.zeros(attenuation.shape, np.uint16)
     if margin is not None:
-        missing, edge, plateau = missing_attenuation(coarse, margin, fat)
-        ramp = smooth_step((coarse / edge - EDGE_START) / (1.0 - EDGE_START))
-        equalized = coarse + ramp * missing
+        missing, rise, plateau = missing_attenuation(coarse, margin, fat)
+        equalized = coarse + smooth_step(rise) * missing
         low, contrast = _levels(equalized, margin, plateau, _resampled(reading, coarse.shape))
         radius = max(1, round(BASE_RADIUS_MM / margin.cell_mm))
         base = _base(np.maximum(equalized, low - FLOOR_CONTRAST * contrast), radius)
         fat_place = TOE * (1.0 + np.log(FAT_GREY / TOE))  # what the toe shows as fat's grey
         gain = LOOKS[look].gain * max(contrast / DETAIL_CONTRAST, 1.0)
-        curve = ToneCurve(
-            low, contrast, fat_place, GLAND_GREY, TOE, SHOULDER, WHITE, gain, EDGE_START
-        )
+        curve = ToneCurve(low, contrast, fat_place, GLAND_GREY, TOE, SHOULDER, WHITE, gain)
         smooth = _restored(attenuation, LOOKS[look], pixel_mm)
-        present_kernel(smooth, missing, edge, base, float(cell), curve, float(MAXIMUM), pixels)
+        present_kernel(smooth, missing, rise, base, float(cell), curve, float(MAXIMUM), pixels)
     return Presentation(pixels, (MAXIMUM + 1) / 2, float(MAXIMUM + 1))
 
 

@@ -17,6 +17,10 @@ SMOOTHING_VOXELS = 0.35
 STRETCH_QUANTILE = 0.9
 """Of the in-plane stretch over the breast's cells: the weave is clearest where it is large."""
 
+SKIN_FACTOR = 1.5
+"""How much wider skin is smoothed: it is a smooth layer, and its steps stand against air along the
+edge of the breast, several voxels long. Of steps three voxels long a half is left."""
+
 MAX_STRETCH = 3.0
 """In-plane stretch is taken no larger than this: beyond it the map is torn, not stretched."""
 
@@ -49,8 +53,8 @@ def smooth_voxels(
     line, see steps that repeat with every voxel and draw a weave into the picture. Compression
     stretches the voxels in the plane of the image. Nothing finer than a voxel is known of the
     breast, so a Gaussian of about a third of a stretched voxel, as seen at mid-height, costs
-    little. An axis along which voxels are no larger than a pixel there is left alone. Sums are
-    kept, but for what crosses the picture's border.
+    little; skin, a smooth layer, is smoothed more. An axis along which voxels are no larger than a
+    pixel there is left alone. Sums are kept, but for what crosses the picture's border.
     """
     to_spot = gantry.source_to_detector_mm - gantry.support_to_detector_mm - 0.5 * thickness_mm
     scale = gantry.source_to_detector_mm / to_spot / gantry.pixel_mm
@@ -58,15 +62,18 @@ def smooth_voxels(
     sigma_px = np.where(shadow_px > 1.0, SMOOTHING_VOXELS * shadow_px, 0.0)
     if not sigma_px.any():
         return
-    row_reach, column_reach = (int(np.ceil(_REACH * sigma)) for sigma in sigma_px)
-    for image, lesion in zip(attenuating_mm, channels.lesions, strict=True):
+    for image, lesion, material in zip(
+        attenuating_mm, channels.lesions, channels.materials, strict=True
+    ):
         if lesion is not None and LESION_KINDS[lesion.kind].few_voxels:
             continue
+        wide_px = sigma_px * (SKIN_FACTOR if material == "skin" else 1.0)
+        row_reach, column_reach = (int(np.ceil(_REACH * sigma)) for sigma in wide_px)
         lit = image > 0.0
         rows, columns = (np.flatnonzero(lit.any(axis=axis)) for axis in (1, 0))
         if rows.size:
             box = image[_around(rows, row_reach), _around(columns, column_reach)]
-            box[:] = ndimage.gaussian_filter(box, sigma_px, mode="nearest", truncate=_REACH)
+            box[:] = ndimage.gaussian_filter(box, wide_px, mode="nearest", truncate=_REACH)
 
 
 def stretched_voxel_mm(mapped: VoxelMap, voxel_mm: NDArray[np.float64]) -> tuple[float, float]:

@@ -106,10 +106,10 @@ def bent(value, toe, shoulder, white):
     return value
 
 
-def grey(attenuation, missing, edge, base, curve):
+def grey(attenuation, missing, rise, base, curve):
     """Grey (0 to 1) of one pixel, coarse images given where it is."""
-    t = np.clip((attenuation / edge - curve.edge_start) / (1.0 - curve.edge_start), 0.0, 1.0)
-    level = attenuation + missing * (3.0 * t**2 - 2.0 * t**3)
+    part, inner = (3.0 * t**2 - 2.0 * t**3 for t in np.clip([rise, 0.5 * rise], 0.0, 1.0))
+    level = attenuation + missing * part
     if base <= curve.fat and level < base - 2.0 * curve.contrast:
         return 0.0  # air
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
@@ -120,7 +120,7 @@ def grey(attenuation, missing, edge, base, curve):
     straight = curve.fat_grey + slope * (base - curve.fat)
     below = bent(straight, curve.toe, curve.shoulder, curve.white)
     detail = level - base
-    weak = 0.12 * np.tanh(detail / 0.12)
+    weak = 0.12 * inner * np.tanh(detail / 0.12)
     # where the toe is flatter than 0.7, weak detail is raised to that slope, by 20 at most
     toe_slope = np.clip(below / curve.toe, 0.05, 1.0)
     raised = straight + slope * (
