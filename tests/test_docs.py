@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib as mpl
+import matplotlib.pyplot as plt
 import pytest
 
 from mammosim import load_config
@@ -15,6 +18,12 @@ from mammosim.cohort import load_cohort
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = sorted([*DOCS.glob("tutorials/*.md"), *DOCS.glob("how-to/*.md")])
+NOTEBOOKS = sorted(DOCS.glob("tutorials/*.ipynb"))
+COARSER = {
+    "voxel_mm=2.0": "voxel_mm=4.0", '"voxel_mm": 2.0': '"voxel_mm": 4.0',
+    "resolution_mm=4.0": "resolution_mm=8.0", '"resolution_mm": 4.0': '"resolution_mm": 8.0',
+    "pixel_mm=0.5": "pixel_mm=1.5", '"pixel_mm": 0.5': '"pixel_mm": 1.5',
+}  # fmt: skip
 BLOCK = re.compile(r"^```(\S[^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
@@ -33,6 +42,21 @@ def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch):
             path = tmp_path / ("cohort.yaml" if cohort else "own.yaml")
             path.write_text(text, encoding="utf-8")
             (load_cohort if cohort else load_config)(path)
+
+
+@pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
+def test_the_cells_of_a_notebook_run(page, tmp_path, monkeypatch):
+    """As they are, but with larger voxels, lattice and pixels."""
+    monkeypatch.chdir(tmp_path)
+    mpl.use("Agg")
+    names: dict[str, object] = {}
+    for cell in json.loads(page.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "code":
+            for fine, coarse in COARSER.items():
+                source = source.replace(fine, coarse)
+            exec(compile(source, page.name, "exec"), names)
+    plt.close("all")
 
 
 def test_commands_in_the_pages_exist():

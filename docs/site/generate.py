@@ -6,6 +6,7 @@ lets links to files of the repository that are no pages stand as plain text.
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/settings.md": settings_page(),
         "reference/python.md": python_page(),
     }
+    for path in sorted((DOCS / "tutorials").glob("*.ipynb")):
+        made[f"tutorials/{path.stem}.md"] = notebook_page(path)
     for name, text in made.items():
         if name.count("/") == 0:
             text = text.replace("](docs/", "](")
@@ -67,6 +70,15 @@ def on_page_markdown(markdown: str, page: Any, config: MkDocsConfig, files: File
     return text.replace("](CONTRIBUTING.md)", "](contributing.md)").replace(
         "](CHANGELOG.md)", "](changelog.md)"
     )
+
+
+def notebook_page(path: Path) -> str:
+    """A notebook's text and code, and where to get it."""
+    parts = []
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        parts.append(text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```")
+    return "\n\n".join([*parts, f"The notebook is `docs/tutorials/{path.name}`."])
 
 
 def settings_page() -> str:
