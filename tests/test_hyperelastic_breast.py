@@ -11,9 +11,11 @@ from mammosim.compression import in_posture
 from mammosim.compression.hyperelastic import trust_region
 from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import Contact
+from mammosim.compression.hyperelastic.stages import Stages
 from mammosim.compression.hyperelastic.structure import Structure
 from mammosim.compression.hyperelastic.surface import SurfacePoints
 from mammosim.compression.hyperelastic.tilt import _between
+from mammosim.compression.hyperelastic_model import body_between_plates
 from mammosim.compression.multigrid import Workspace
 from mammosim.compression.plate_balance import BALANCED
 from mammosim.compression.plate_check import check_plates
@@ -82,6 +84,28 @@ def test_the_way_does_not_matter(usual, monkeypatch):
     points = tissue(usual.phantom)
     apart = np.linalg.norm(usual.displacement_at(points) - slow.displacement_at(points), axis=1)
     assert apart.mean() <= 0.1
+
+
+def test_an_equilibrium_is_that_of_the_law_and_not_of_its_parabola():
+    between = body_between_plates(skinned(3.0), View("CC", "L", 45.0), CompressionSettings(**KEYS))
+
+    def compressed(least_volume):
+        stages = Stages(between.mesh, between.plates.edge_mm, 0.02 / 6.0)
+        body = replace(stages.bodies[0], least_volume=least_volume)
+        stages.bodies[0] = body
+        return body, one_blas_thread(stages.compress)(between.plates)
+
+    _, usual = compressed(0.1)
+    parabola, cut = compressed(0.7)
+    assert usual.value.smallest < 0.6  # so that the parabola acts, if nothing follows
+    assert np.abs(cut.u - usual.u).max() < 0.05
+    alone = parabola.energy_and_forces(cut.u)[2] - usual_forces(between, cut.u)
+    assert np.abs(alone).max() > 1.0  # kPa x face of an element: the two laws differ there
+
+
+def usual_forces(between, u):
+    """Elastic forces of the law itself, as far down as it goes here."""
+    return replace(between.mesh.body, least_volume=0.02).energy_and_forces(u)[2]
 
 
 def test_skin_holds_and_fascia_ties(usual):

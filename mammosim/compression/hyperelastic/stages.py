@@ -35,6 +35,10 @@ its bulk modulus acts at each point, which unfolds them, and a fold costs little
 FOLDED, UNFOLDED = 0.05, 0.2
 """Smallest J of a start below which that is needed, and from which on it no longer is."""
 
+STEEP = 0.02
+"""`least_volume` of the mesh where an equilibrium has a smaller J than its own: the law's barrier
+against folding, which was continued by a parabola there, then acts further down."""
+
 EDGE_REACH = 4.0
 """Distance from the plates' edge, in units of its radius, within which the surface has several
 points an element: it is stretched around the edge there, and would cut through it between points
@@ -153,7 +157,18 @@ class Stages:
             if state.interrupted:
                 return state
             u = state.u
-        return self._minimise(body, level, plates, u, self.tolerance if level == 0 else LOOSE)
+        return self._finish(level, plates, u)
+
+    def _finish(self, level: int, plates: Plates, u: NDArray[np.float64]) -> State:
+        """State of one of the bodies, as exact as is wanted of it, from a displacement near it."""
+        body = self.bodies[level]
+        if level > 0:
+            return self._minimise(body, level, plates, u, LOOSE)
+        state = self._minimise(body, level, plates, u, self.tolerance)
+        if not state.converged or state.value.smallest >= body.least_volume:
+            return state
+        steep = replace(body, least_volume=STEEP)
+        return self._minimise(steep, level, plates, state.u, self.tolerance)
 
     def at_rest(self, plates: Plates) -> State:
         """The mesh before anything moves, between plates."""
@@ -174,7 +189,6 @@ class Stages:
 
     def _close(self, level: int, plates: Plates) -> State:
         """State of a body between plates that close from where they touch it, step by step."""
-        final_tolerance = self.tolerance if level == 0 else LOOSE
         u = np.zeros((3, *self.bodies[level].nodes.shape))
         before, done, gone, open_plates = u, 0.0, 0.0, self._touching(level, plates)
         closing = open_plates.thickness_mm - plates.thickness_mm
@@ -184,8 +198,10 @@ class Stages:
             between = open_plates.closing_to(plates, part)
             ahead = (part - done) / (done - gone) if done > gone else 0.0
             guess = u + ahead * (u - before)
-            tolerance = final_tolerance if part == 1.0 else ON_THE_WAY
-            state = self._minimise(self.bodies[level], level, between, guess, tolerance)
+            if part == 1.0:
+                state = self._finish(level, between, guess)
+            else:
+                state = self._minimise(self.bodies[level], level, between, guess, ON_THE_WAY)
             if state.interrupted:
                 return state
             if state.converged:
