@@ -49,7 +49,10 @@ def test_last_digits_of_the_moduli_do_not_decide(model, resolution_mm):
     for name, towards in (("adipose", np.inf), ("gland", 0.0), ("skin", np.inf)):
         value = np.float32(stiffness_kpa(name, "thesis"))
         changed[name] = float(np.nextafter(value, np.float32(towards)))
-    keys = {"view": "CC", "model": model, "resolution_mm": resolution_mm, "thickness_mm": 36.0}
+    keys = {
+        "view": "CC", "model": model, "resolution_mm": resolution_mm, "thickness_mm": 36.0,
+        "stiffness": "thesis",
+    }  # fmt: skip
     one = compress(breast, **keys).field
     other = compress(breast, stiffness_kpa=changed, **keys).field
     gap = np.linalg.norm(one.displacement_mm - other.displacement_mm, axis=-1)[one.tissue]
