@@ -44,6 +44,7 @@ def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch):
             (load_cohort if cohort else load_config)(path)
 
 
+@pytest.mark.service
 @pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
 def test_the_cells_of_a_notebook_run(page, tmp_path, monkeypatch):
     """As they are, but with larger voxels, lattice and pixels."""
