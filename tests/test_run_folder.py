@@ -13,10 +13,13 @@ from pathlib import Path
 
 import pytest
 from make_run import SMALL, invoke, save_breast, write
+from pydantic import BaseModel, field_serializer
 
 from mammosim import load_config, simulate
+from mammosim.cli.signals import signals_interrupt
 from mammosim.errors import InputError, Interrupted, NotConverged
 from mammosim.pipeline import RunFolder
+from mammosim.pipeline.folder import run_folder
 from mammosim.pipeline.run import observer
 
 GENERATED = {
@@ -223,6 +226,36 @@ def test_an_interruption_at_any_stage_leaves_a_marked_record(user, monkeypatch, 
     assert status_of(output) == "interrupted"
 
 
+def test_an_interruption_while_a_view_is_written_leaves_a_marked_record(user, monkeypatch):
+    def interrupted(*arguments, **keys):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run_folder, "write_compressed", interrupted)
+    output, config = user / "out", load_config(write(user, **GENERATED))
+    with pytest.raises(Interrupted):
+        simulate(config, RunFolder(output, config))
+    assert status_of(output) == "interrupted"
+
+
+def test_a_signal_while_settings_are_written_out_is_not_lost():
+    class Model(BaseModel):
+        value: int = 1
+
+        @field_serializer("value")
+        def send(self, value: int) -> int:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(0.001)
+            return value
+
+    def write_out() -> None:
+        with signals_interrupt():
+            Model().model_dump()
+            time.sleep(5)
+
+    with pytest.raises(KeyboardInterrupt, match="SIGTERM"):
+        write_out()
+
+
 def test_an_interruption_in_the_report_leaves_a_marked_record(user, monkeypatch):
     from mammosim.pipeline.folder import run_folder
 
@@ -256,7 +289,7 @@ def test_a_signal_ends_a_run_in_order(user, number, delay_s):
         [*command, "--output", str(output)], stderr=subprocess.PIPE, text=True
     ) as run:
         for line in run.stderr:
-            if "compression" in line:
+            if "compressing" in line:
                 break
         time.sleep(delay_s)
         run.send_signal(number)

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 RETRY_S = 0.05
 """After which a signal that came at a bad moment is sent again, s."""
 
-NOT_WITHIN = "llvmlite"
-"""Package whose callbacks swallow an exception, and crash after it, while a kernel is compiled."""
+NOT_WITHIN = ("llvmlite", "pydantic")
+"""Packages whose compiled code swallows an exception: the first while a kernel is compiled, after
+which it crashes, the second while settings are checked or written out."""
 
 
 @contextmanager
@@ -38,10 +39,10 @@ def signals_interrupt() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _is_within(frame: FrameType | None, package: str) -> bool:
-    """Whether any function on the stack belongs to a package."""
+def _is_within(frame: FrameType | None, packages: tuple[str, ...]) -> bool:
+    """Whether any function on the stack belongs to one of some packages."""
     while frame is not None:
-        if frame.f_globals.get("__name__", "").partition(".")[0] == package:
+        if frame.f_globals.get("__name__", "").partition(".")[0] in packages:
             return True
         frame = frame.f_back
     return False

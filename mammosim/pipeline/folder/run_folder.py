@@ -206,10 +206,9 @@ class RunFolder:
             if status != "interrupted" or read_record(self.path):
                 return
             self._begin()
-        if study is not None:
-            self._check_presence(study)
-            if status != "refused":
-                self._write_tables(study)
+        self._check_presence()  # a view's own files may be missing, where it was being written
+        if study is not None and status != "refused":
+            self._write_tables(study)
         write_json(self.path / "run.json", self._record(study, status))
 
     def _write_tables(self, study: Study) -> None:
