@@ -192,7 +192,7 @@ def test_the_nipple_stands_out():
         generate_phantom("b", 0.75, 3, nipple_height_mm=height, **settings) for height in (5, 9)
     )
     nipple = low.frame.position_mm(np.argwhere(low.labels == LABEL["nipple"]))
-    # Its foot is 1.2 mm wider all around, and uneven by half a millimetre or so.
+    # Its very foot is up to 2.5 mm wider all around, the lowest voxels less, and it is uneven.
     assert 10.0 < np.ptp(nipple[:, 1]) < 10.0 + 2 * (1.2 + 1.0) + 0.75
     # It leans by up to half its height.
     np.testing.assert_allclose(nipple[:, 1:].mean(axis=0), 0.0, atol=1.5)

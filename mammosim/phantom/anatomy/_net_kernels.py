@@ -29,7 +29,7 @@ MAX_APART = 2.2
 cell at the block's centre."""
 
 
-EDGE_SHARE, MAX_EDGE = 1.1, 1.5
+EDGE_SHARE, MAX_EDGE = 0.8, 1.4
 """Radius of the thread in which walls meet, against their mean thickness, and the most that unequal
 walls change it. Chosen by eye on projections."""
 
@@ -155,7 +155,7 @@ def _pairs(near: Near, n: int, cell_mm: float, slope: NDArray[np.float64]) -> No
             near.pair[a, b, 0] = near.pair[b, a, 0] = 0.5 * cell_mm / max(steep, 1e-9)
             odd = near.tag[a] + near.tag[b]
             odd -= np.floor(odd)
-            near.pair[a, b, 1] = near.pair[b, a, 1] = 0.15 + 3.4 * odd * odd * odd
+            near.pair[a, b, 1] = near.pair[b, a, 1] = 0.2 + 2.4 * odd * odd
 
 
 @merged_kernel

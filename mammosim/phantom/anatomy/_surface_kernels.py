@@ -9,6 +9,10 @@ from mammosim._jit import kernel, merged_kernel
 from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, Paint
 from mammosim.phantom.anatomy._noise_kernels import gradient_noise
 
+FLARE_MM, FLARE_HEIGHT_MM = 2.5, 1.2
+"""How much wider a nipple is at its foot, where it goes over into the areola, and over what height
+that is lost, mm. Chosen by eye."""
+
 
 @merged_kernel
 def _face(corner: NDArray[np.float64], a: int, b: int, c: int, d: int) -> float:
@@ -61,13 +65,15 @@ def in_nipple(
     rise = min(max(s, 0.0), height)
     across = y - nipple[4] * rise
     up = z - nipple[5] * rise
-    lumps = nipple[7] * gradient_noise(x / 4.0, y / 4.0, z / 4.0 + nipple[8], 17)
+    lumps = nipple[7] * gradient_noise(x / 6.0, y / 6.0, z / 6.0 + nipple[8], 17)
     wide = nipple[2] * (1.0 - nipple[3] * rise / height) + lumps
     if depth > 0.0:
         return depth < thick and across * across + up * up < wide * wide
     if s > height or s < -4.0:
         return False
-    wide = wide * (1.0 - (rise / height) ** nipple[6]) + 1.2 * np.exp(-max(s, 0.0))
+    wide = wide * (1.0 - (rise / height) ** nipple[6]) + FLARE_MM * np.exp(
+        -max(s, 0.0) / FLARE_HEIGHT_MM
+    )
     return wide > 0.0 and across * across + up * up < wide * wide
 
 

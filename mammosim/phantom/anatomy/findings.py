@@ -26,6 +26,11 @@ NODE_MM, NODE_LONG = (2.5, 5.5), (1.2, 2.2)
 """Half the width of a node, mm, and its length against it: nodes of up to about a centimetre in
 width are normal. Assumed."""
 
+PLAQUES, FREE_SHARE, PLAQUE_MM, PLAQUE_SPREAD = 3.0, 0.35, 0.35, 0.6
+"""Mean number of plaques of a piece of a calcified artery, share of pieces that have none, and half
+a plaque's length: median, mm, and spread of its logarithm. Chosen by eye: tracks are broken, and
+their plaques of unequal size."""
+
 VASCULAR_SHARE, OTHER_SHARE = 0.079, 0.15
 """Share of breasts with calcified arteries, of 6156 consecutive women (Cetin et al. 2004,
 "Mammographically detected breast arterial calcifications"), and with other benign calcifications
@@ -277,14 +282,17 @@ def _vascular(site: Site, rng: np.random.Generator) -> list[Ball]:
     if not artery.size:
         return []
     first = int(rng.integers(artery.size))
-    stretch = artery[first : first + int(rng.integers(12, 40))]
+    stretch = artery[first : first + int(rng.integers(12, 32))]
     found = []
     for piece in stretch:
         (start, end), radius = site.tubes.ends_mm[piece], float(site.tubes.radius_mm[piece].mean())
         ahead = _unit(end - start)
-        for _ in range(int(rng.integers(4, 14))):
+        plaques = rng.poisson(PLAQUES) if rng.random() > FREE_SHARE else 0
+        for _ in range(int(plaques)):
             turn = _directions(ahead, rng.standard_normal(3))
-            size = np.array([rng.uniform(0.15, 0.5), rng.uniform(0.06, 0.12), 0.2])
+            half = min(PLAQUE_MM * float(np.exp(PLAQUE_SPREAD * rng.standard_normal())), 1.5)
+            # a shell of the wall: dense where it is seen along its surface, at both sides
+            size = np.array([half, rng.uniform(0.06, 0.12), radius * rng.uniform(0.3, 0.9)])
             at = start + rng.random() * (end - start) + radius * turn[1]
             found.append(_calcified(at, size, turn))
     return found

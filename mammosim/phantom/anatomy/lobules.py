@@ -36,7 +36,7 @@ ABSENT_SHARE, WEIGHT = 0.12, 0.34
 """Share of the lattice cells without a lobule, and spread of the weights, cells squared: both make
 lobules unequal. Chosen by eye."""
 
-LEAN_SHARE = 0.25
+LEAN_SHARE = 0.40
 """Share of the cells that push no gland aside: lobes of the gland."""
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy.axilla import across_mm, along_mm
+from mammosim.phantom.anatomy.noise import smooth_noise
 from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, mesh, near_depth
 
 COVER_MM = 7.0
@@ -24,6 +25,9 @@ FAT_IN_MUSCLE = 0.107
 
 BUNDLE_MM, BUNDLE_LENGTH = 8.0, 5.0
 """Width of the muscle's bundles, mm, and their length against it. Chosen by eye."""
+
+FIBRE_BEND_MM = (1.6, 26.0)
+"""Amplitude and wavelength by which bundles are bent, mm. Chosen by eye."""
 
 INSERTION_MM = 130.0
 """How far beyond the open end the bundles meet: the muscle's tendon at the upper arm, mm."""
@@ -116,12 +120,14 @@ def fit_volume(outline: Outline, muscle: Muscle, volume_ml: float) -> Outline:
     return outline
 
 
-def fibre_coordinates(outline: Outline, frame: VoxelFrame) -> list[NDArray[np.float64]]:
+def fibre_coordinates(
+    outline: Outline, frame: VoxelFrame, rng: np.random.Generator
+) -> list[NDArray[np.float64]]:
     """Coordinates along and across the muscle's bundles, which fan out from the arm, mm."""
     x, lateral, superior = mesh(frame)
     ahead = outline.axilla.cut_mm + INSERTION_MM - along_mm(lateral, superior)
     across = across_mm(lateral, superior)
     distance = np.hypot(np.maximum(ahead, 1.0), across)
     fan = INSERTION_MM * np.arctan2(across, np.maximum(ahead, 1.0))
-    parts = np.broadcast_arrays(distance / BUNDLE_LENGTH, fan, 1.4 * x)
-    return [np.array(part) for part in parts]
+    parts = (distance / BUNDLE_LENGTH, fan, 1.4 * x)
+    return [part + FIBRE_BEND_MM[0] * smooth_noise(rng, frame, FIBRE_BEND_MM[1]) for part in parts]

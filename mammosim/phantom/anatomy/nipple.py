@@ -14,9 +14,10 @@ FLAT_SHARE = 0.08
 al. 2009, Aesthetic Plast Surg 33:295-297), of women a tenth has one that is flat or inverted
 (Alexander, Grant & Campbell 1992, BMJ 304:1030-1032)."""
 
-HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 5.5, 9.0, (1.5, 12.0)
+HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 4.5, 6.0, (1.5, 11.0)
 """Mean height of a nipple that is not flat, shape of its gamma law, and bounds: measured with
-calipers it is 9 mm on average (Sanuki et al. 2009), less when it is not stimulated (assumed)."""
+calipers it is 9 mm on average (Sanuki et al. 2009), half of that when it is not stimulated and lies
+between plates (assumed)."""
 
 DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 12.0, 1.8, (8.0, 16.0)
 """Diameter: 13 mm on average (Sanuki et al. 2009), at the foot here a millimetre wider than
@@ -78,8 +79,8 @@ def draw_nipple(settings: GenerateSettings, rng: np.random.Generator) -> Nipple:
         0.5 * (settings.nipple_diameter_mm or diameter),
         rng.uniform(0.05, 0.4),
         (float(tilt[0]), float(tilt[1])),
-        rng.uniform(2.0, 5.0),
-        rng.uniform(0.3, 0.7),
+        rng.uniform(1.5, 3.0),
+        rng.uniform(0.15, 0.45),
         rng.uniform(0.0, 100.0),
     )
 

@@ -60,10 +60,10 @@ class Parenchyma:
 
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
-        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 0.55, 0.75, 2.4, 2.0, 0.22),
-        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.50, 0.60, 2.1, 2.2, 0.24),
-        "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.40, 0.50, 1.8, 2.3, 0.24),
-        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.28, 0.40, 1.5, 2.5, 0.25),
+        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 0.85, 0.50, 2.8, 1.8, 0.22),
+        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.80, 0.45, 2.6, 1.9, 0.24),
+        "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.65, 0.40, 2.4, 2.0, 0.24),
+        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.40, 0.35, 2.0, 2.2, 0.25),
     }
 )
 """Chosen by eye on projections, so that each class looks like mammograms of its BI-RADS letter;
@@ -71,6 +71,10 @@ subcutaneous fat of 5 to 15 mm and a cone at the nipple follow anatomical drawin
 
 SLEEVE = 0.9
 """Amplitude of the preference of gland for the neighbourhood of ducts. Chosen."""
+
+BEHIND_NIPPLE, BEHIND_NIPPLE_MM, BEHIND_SLEEVE_MM = 1.6, 16.0, 2.5
+"""The same of the fibrous tissue about the main ducts, distance from the nipple over which it is
+lost, and how far it keeps to them, mm: ducts are seen to run into the nipple. Chosen by eye."""
 
 
 def draw_parenchyma(density: str, rng: np.random.Generator) -> Parenchyma:
@@ -134,6 +138,7 @@ def gland_potential(
     room: NDArray[np.float64],
     trees: DuctTrees,
     kind: Parenchyma,
+    nipple_mm: float,
     frame: VoxelFrame,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
@@ -144,6 +149,13 @@ def gland_potential(
     distance, lobe = tree_distance(trees, room, frame)
     sleeve = SLEEVE * (np.exp(-((distance / kind.sleeve_mm) ** 2)) - 0.5)
     strength = 0.30 * rng.standard_normal(int(trees.lobe.max()) + 1)
+    x, lateral, superior = mesh(frame)
+    from_nipple = np.sqrt((x - nipple_mm) ** 2 + lateral**2 + superior**2)
+    sleeve = sleeve + BEHIND_NIPPLE * np.exp(
+        -((distance / BEHIND_SLEEVE_MM) ** 2) - from_nipple / BEHIND_NIPPLE_MM
+    )
     lobes = ndimage.gaussian_filter(strength[lobe], 1.5)
     patches = 0.7 * smooth_noise(rng, frame, 25.0) + 0.7 * smooth_noise(rng, frame, 13.0)
-    return room + sleeve + lobes + kind.patchiness * patches
+    # Patches fill the room that gland has; they hardly carry it into the fat beyond.
+    held = np.where(patches > 0.0, np.clip(0.5 + 0.5 * room, 0.0, 1.0), 1.0)
+    return room + sleeve + lobes + kind.patchiness * held * patches
