@@ -113,13 +113,18 @@ def reach_force(
         If the force is not reached at the thinnest gap; it names the largest that was.
     """
 
-    def at(gap: float, before: Tried[S] | None) -> Tried[S]:
-        near = before.plates if before else start
-        plates = balance.placed(near.at_height(near.centre_mm, gap))
+    level = start  # where the forces on the breast itself call for the plates
+
+    def between(plates: Plates, before: Tried[S] | None) -> Tried[S]:
+        nonlocal level
         tried = Tried(plates, *solve(plates, before.state if before else None))
         if tried.state.converged:
-            balance.corrected(plates, tried.forces)  # from the next gap on
+            level = balance.corrected(plates, tried.forces)
         return tried
+
+    def at(gap: float, before: Tried[S] | None) -> Tried[S]:
+        near = before.plates if before else start
+        return between(balance.placed(near.at_height(near.centre_mm, gap)), before)
 
     wide, tried = height_mm, at(FIRST_GAP * height_mm, None)
     force_wide = 0.0
@@ -135,11 +140,11 @@ def reach_force(
     thin, force_thin = tried.plates.thickness_mm, balance.common_n(tried.forces)
     only_higher = 0
     while not _good_enough(tried, wanted_n, balance) and wide - thin > NARROW_MM:
-        gap, force = tried.plates.thickness_mm, balance.common_n(tried.forces)
-        if _near(force, wanted_n) and only_higher < MAX_CORRECTIONS:
+        if _near(balance.common_n(tried.forces), wanted_n) and only_higher < MAX_CORRECTIONS:
             only_higher += 1
-        else:
-            gap = thin + _share(wanted_n, force_thin, force_wide) * (wide - thin)
+            tried = between(level, tried)  # the bracket of gaps stays
+            continue
+        gap = thin + _share(wanted_n, force_thin, force_wide) * (wide - thin)
         tried = at(gap, tried)
         force = balance.common_n(tried.forces)
         if force > wanted_n:
