@@ -64,7 +64,7 @@ class Case(NamedTuple):
 
     @property
     def name(self) -> str:
-        """In a line of the results."""
+        """In a row of the results."""
         breast = f"{self.density} {self.volume_ml:.0f} mL, seed {self.seed}"
         return f"{breast} {self.view} edge {self.edge_mm:g} mm {100 * self.part:.0f} %"
 
@@ -111,8 +111,9 @@ def robustness(
 ) -> None:
     """Which cases converge."""
     rows = _rows(results)
+    known = {row["case"] for row in rows}
     for case in cases()[share[0] - 1 :: share[1]]:
-        if case.name in {row["case"] for row in rows}:
+        if case.name in known:
             continue
         row = _attempted(case, elements, settings)
         rows.append(row)

@@ -627,7 +627,7 @@ def try_keywords(sound: Sound, rng: random.Random) -> int:
         (partial(compress, sound.breast, "CC"), "CompressionSettings", {"model": "none"}),
         (partial(project, sound.squeezed), "ProjectionSettings", {"pixel_mm": 2.0}),
         (partial(expose, sound.paths), "AcquisitionSettings", {"scatter": False}),
-        (generate_phantom, "GenerateSettings", {"voxel_mm": 4.0}),
+        (generate_phantom, "GenerateSettings", {}),
     ))  # fmt: skip
     names = sorted(sound.schema["$defs"][kind]["properties"])
     keys = {**about}

@@ -1,10 +1,10 @@
-"""What each part of the breast's structure changes: skin, fascia, fibres, weight, tilt.
+"""Effect of each part of the model: skin, fascia, fibres, weight, tilt.
 
     python benchmarks/structure.py [--elements 5]
 
 Compresses three generated breasts (200, 500 and 1000 mL) in CC to the thickness of the population
 fit, with one part changed at a time, and compares with the defaults: force, contact area, how far
-the nipple moves forward, and how far tissue lies from where it lies by default.
+the nipple moves forward, and the distance of tissue from its place with the defaults.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ CHANGES: dict[str, dict[str, Any]] = {
 
 
 def compressed(breast: mammosim.BreastPhantom, elements: float, **keys: Any) -> CompressedBreast:
-    """A compression, converged or not (it says so)."""
+    """A compression; one that did not converge is reported and used."""
     try:
         return mammosim.compress(
             breast, "CC", model="hyperelastic", plate_edge_mm=15.0, resolution_mm=elements, **keys

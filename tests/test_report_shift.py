@@ -28,7 +28,7 @@ from mammosim.geometry import View
 from mammosim.report import ReportedView, ReportSettings, render_report, run_record
 from mammosim.report.markers import markers
 from mammosim.report.planes import FRAMES, drawings
-from mammosim.report.sections import PIXEL_MM, PLANES, Box, on_the_way, section
+from mammosim.report.sections import PIXEL_MM, PLANES, Box, interpolated_field, section
 from mammosim.report.solid import plotly_gzip_base64, skin_surface, solid
 from mammosim.targets import BiopsyResult, RuleError, ShiftAnswers, ShiftUncertainty
 
@@ -98,7 +98,7 @@ def test_a_section_is_one_plane_of_the_breast():
     phantom = make_phantom("L")
     box = Box(-50.0, -50.0, 100.0, 100.0)
     through = np.array([5.0, 10.0, -6.0])
-    for plane, normal in zip(PLANES, np.eye(3)[[0, 1, 2]], strict=True):
+    for plane, normal in zip(PLANES, np.eye(3), strict=True):
         beyond = phantom.frame.position_mm(np.stack(np.indices(phantom.labels.shape), axis=-1))
         away = np.abs((beyond - through) @ normal) > 2.0
         altered = dataclasses.replace(phantom, labels=np.where(away, 29, phantom.labels))
@@ -120,7 +120,8 @@ def test_a_section_shows_each_tissue_where_it_came_to_lie():
     for share in (0.5, 1.0):
         way = 1.0 + share * (stretch - 1.0)
         wide = Box(-60.0, -60.0, 120.0, 120.0)
-        moved = section(squeezed.phantom, frontal, middle, wide, on_the_way(squeezed.field, share))
+        field = interpolated_field(squeezed.field, share)
+        moved = section(squeezed.phantom, frontal, middle, wide, field)
         row = np.floor(at[:, 1] * way[2] + 60.0).astype(int)
         column = np.floor(at[:, 0] * way[1] + 60.0).astype(int)
         same = moved[row, column] == grey

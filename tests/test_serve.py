@@ -26,13 +26,13 @@ from mammosim.serve.jobs import Job, Jobs
 from mammosim.serve.results import (
     facts_of,
     files_of,
+    lesion_rows,
     marks_of,
     marks_svg,
     picture_jpeg,
     runs_in,
     shown_size,
     status_of,
-    table,
     views_of,
 )
 
@@ -118,7 +118,7 @@ def test_a_finished_run_is_found_with_its_tables_and_files(finished):
     assert runs_in(finished.parent) == [finished]
     assert status_of(finished) == "done"
     assert views_of(finished) == ["LCC"]
-    assert [row["name"] for row in table(finished)] == ["ball", "mark", "nipple"]
+    assert [row["name"] for row in lesion_rows(finished)] == ["ball", "mark", "nipple"]
     (facts,) = facts_of(finished)
     assert (facts["view"], facts["thickness_mm"]) == ("LCC", 36.0)
     files = files_of(finished)
@@ -143,7 +143,7 @@ def test_a_picture_is_shown_through_a_window(finished):
 
 
 def test_lesions_are_marked_where_the_table_has_them(finished):
-    row = table(finished)[0]
+    row = lesion_rows(finished)[0]
     mark = marks_of(finished, "LCC")[0]
     columns, rows = shown_size(finished, "LCC")
     assert mark.name == "ball"

@@ -125,7 +125,7 @@ def _counted(number: int, thing: str) -> str:
 
 
 def _in_words(columns: Iterable[str]) -> list[tuple[str, str, str]]:
-    """Column, heading and no unit of drawn keys; two that read alike also say the key."""
+    """Column, heading and no unit of sampled keys; headings that read alike also name the key."""
     named = {column: key_in_words(column) for column in columns}
     alike = Counter(named.values())
     return [
@@ -175,7 +175,7 @@ def _plot(
 def _dose_against_thickness(
     table: Mapping[str, Sequence[Any]], some: NDArray[np.intp]
 ) -> list[dict[str, Any]]:
-    """Dose of each picture over its thickness, and what is accepted there."""
+    """Dose of each picture against its thickness, and the acceptable level."""
     pairs = [(table["thickness_mm"][place], table["dose_mgy"][place]) for place in some]
     known = [pair for pair in pairs if None not in pair]
     if not known:
@@ -197,6 +197,6 @@ def _dose_against_thickness(
 
 
 def _drawn(draw: Callable[[Any], None], alt: str, name: str, note: str) -> dict[str, Any]:
-    """A drawing for the page. Matplotlib escapes the text in it itself."""
+    """A drawing for the page; Matplotlib escapes its text."""
     plain = "".join(letter if letter.isalnum() else "-" for letter in name)
     return {"alt": alt, "svg": Markup(drawing_svg(draw, f"plot-{plain}", (4.2, 2.6))), "note": note}

@@ -1,4 +1,4 @@
-"""The part of a picture that shows the breast, at one scale for all views of a magnification."""
+"""The part of a picture that shows the breast, at one scale for all views of one magnification."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is told of a breast, its compression, its exposure and its lesions: rows of tables.
+"""Facts about a breast, its compression, its exposure and its lesions, as rows of tables.
 
 The report's page and the notebook print the same rows.
 """
@@ -69,7 +69,7 @@ def exposure_rows(mammograms: Sequence[Mammogram]) -> list[Row]:
 
 
 def main_rows(views: Sequence[ReportedView]) -> list[Row]:
-    """One text per view: the numbers asked for first."""
+    """One text per view: the main numbers."""
     taken = [view.mammogram for view in views]
     forces = [view.squeezed.measures.get("force_n") for view in views]
     return [
@@ -81,7 +81,7 @@ def main_rows(views: Sequence[ReportedView]) -> list[Row]:
 
 
 def _measure_rows(columns: Sequence[Mapping[str, float]]) -> list[Row]:
-    """One row a key that any of the mappings has, in the order of first appearance."""
+    """One row per key of any of the mappings, in the order of first appearance."""
     keys = dict.fromkeys(key for column in columns for key in column)
     return [quantity(key, [column.get(key) for column in columns]) for key in keys]
 
@@ -114,7 +114,7 @@ def _lesion(side: str, of_view: Mapping[str, Target]) -> dict[str, Any]:
 
 
 def _ball_diameter_mm(target: Target) -> float:
-    """Of the ball of a lesion's volume; NaN for a group of calcifications, which is none."""
+    """Of a ball of the lesion's volume; NaN for a group of calcifications."""
     clustered = target.is_lesion and LESION_KINDS[target.kind].clustered
     if clustered or not target.volume_mm3 > 0.0:
         return math.nan

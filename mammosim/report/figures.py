@@ -88,14 +88,14 @@ def convergence_svg(history: NDArray[np.void], name: str) -> str:
 
 
 def drawing_svg(draw: Callable[[Any], None], name: str, inches: tuple[float, float]) -> str:
-    """A drawing by matplotlib as SVG text for a page, light or dark.
+    """A Matplotlib drawing as SVG text for a page, light or dark.
 
     Parameters
     ----------
     draw : callable
-        Draws into the axes that it is given.
+        Draws into the axes passed to it.
     name : str
-        Keeps the drawing's internal names apart from others on the page.
+        Prefix of the drawing's ids, which must differ from others on the page.
     inches : (float, float)
         Width and height.
     """
@@ -114,7 +114,7 @@ def drawing_svg(draw: Callable[[Any], None], name: str, inches: tuple[float, flo
         figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
     text = stream.getvalue()
     text = text[text.index("<svg") :].replace(_INK, "currentColor")
-    # Ids of the page's drawings must differ, and so must what refers to them.
+    # The ids, and the references to them.
     return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
 
 

@@ -1,4 +1,4 @@
-"""What the page says first: what moved how far, thickness and dose, and how sure that is."""
+"""The page's first lists: lesion shift, thickness and dose, and uncertainty."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from mammosim.report.hanging import ReportedView, dose_text
 from mammosim.targets import ShiftAnswers, ShiftUncertainty, Target
 
 MAX_LESIONS = 6
-"""Lesions that are named first; the table has all."""
+"""Lesions in the list; the table has all."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a list: what it is about, and what is said of it."""
+    """One line of a list: a name and what is said about it."""
 
     name: str
     text: str
@@ -31,7 +31,7 @@ class Glance:
     ----------
     moved, dose, sure : tuple of Line
     more : int
-        Lesions that are not in `moved`.
+        Number of lesions that are not in `moved`.
     """
 
     moved: tuple[Line, ...]

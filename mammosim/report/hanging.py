@@ -63,7 +63,7 @@ class Picture:
     outside : list of Target
         Targets that do not lie in the picture.
     two_cm_px : float
-        Length of the scale bar: that of 2 cm at the breast support, as Pixel Spacing has it.
+        Length of the scale bar: 2 cm at the breast support, as in Pixel Spacing.
     font_px : float
         Size of the numbers' font.
     """
@@ -176,7 +176,7 @@ def _exposed(
 
 
 def dose_text(mammogram: Mammogram) -> str:
-    """Mean glandular dose; of a series that of all its projections."""
+    """Mean glandular dose; for a series, that of all its projections."""
     whole = mammogram.measures.get("dose_of_all_projections_mgy")
     if whole is None:
         return f"{mammogram.dose_mgy:.2f} mGy"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
-from mammosim.phantom import BreastPhantom, tissue_box_mm
+from mammosim.phantom import BreastPhantom
 from mammosim.report.facts import (
     Row,
     breast_rows,
@@ -15,15 +15,9 @@ from mammosim.report.facts import (
     lesions_seen,
     main_rows,
 )
+from mammosim.report.figures import jpeg_data_uri
 from mammosim.report.hanging import ReportedView, hang_one, hanging, hanging_order
-from mammosim.report.sections import (
-    PLANES,
-    box_around,
-    middle_mm,
-    moved_corners_mm,
-    on_the_way,
-    section_uris,
-)
+from mammosim.report.sections import breast_sections, moved_sections
 from mammosim.report.settings import ReportSettings
 from mammosim.report.templates import template
 from mammosim.targets import Target
@@ -35,28 +29,18 @@ _SETTINGS = ReportSettings(picture_rows=PICTURE_ROWS)
 
 
 def breast_html(phantom: BreastPhantom) -> str:
-    """Three sections of an uncompressed breast, and what it is."""
-    corners, through = tissue_box_mm(phantom), middle_mm(phantom)[None]
+    """Three sections of an uncompressed breast, and its facts."""
     sections = [
-        (plane.caption, section_uris(phantom, through, box_around(plane, corners), plane, [None]))
-        for plane in PLANES
+        (plane.caption, [jpeg_data_uri(grey)]) for plane, _, grey in breast_sections(phantom)
     ]
     return _filled("Breast phantom", breast_rows(phantom), sections=sections)
 
 
 def compressed_html(compressed: CompressedBreast) -> str:
-    """Three sections before and after compression, and what it took."""
-    phantom = compressed.phantom
-    start = middle_mm(phantom)
-    throughs = start + [[0.0], [1.0]] * compressed.displacement_at(start)
-    corners = moved_corners_mm(compressed)
-    fields = [None, on_the_way(compressed.field, 1.0)]
+    """Three sections before and after compression, and its facts."""
     sections = [
-        (
-            f"{plane.caption}: before, compressed",
-            section_uris(phantom, throughs, box_around(plane, corners), plane, fields),
-        )
-        for plane in PLANES
+        (f"{plane.caption}: before, compressed", [jpeg_data_uri(grey) for grey in greys])
+        for plane, _, greys in moved_sections(compressed, (0.0, 1.0))
     ]
     rows = compression_rows([compressed])
     title = f"{compressed.view.folder}, compressed"
@@ -72,7 +56,7 @@ def mammogram_html(mammogram: Mammogram) -> str:
 
 
 def study_html(views: Sequence[ReportedView], targets: Sequence[Target]) -> str:
-    """All mammograms with their lesions, how far each moved, and the main numbers."""
+    """All mammograms with their lesions, each lesion's shift, and the main numbers."""
     ordered = sorted(views, key=hanging_order)
     seen = [view.squeezed.view for view in ordered]
     rows = main_rows(ordered)
@@ -83,6 +67,6 @@ def study_html(views: Sequence[ReportedView], targets: Sequence[Target]) -> str:
 
 
 def _filled(title: str, rows: Sequence[Row], **parts: object) -> str:
-    """The template with what there is, and nothing in place of the rest."""
+    """The template with the parts given; the others stay empty."""
     values = {"names": [""], "sections": (), "wall": (), "lesions": (), "notes": (), **parts}
     return template("notebook.html").render(title=title, rows=rows, **values)

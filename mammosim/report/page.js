@@ -22,7 +22,7 @@
       const figure = document.createElement("figure");
       figure.className = "plane";
       const svg = make("svg", { viewBox: plane.box.join(" "), role: "img",
-        "aria-label": `Section of the breast, seen ${plane.caption}, as far compressed as the slider says` });
+        "aria-label": `Section of the breast, seen ${plane.caption}, compressed as far as the slider is set` });
       const image = make("image", { x: left, y: top, width, height, preserveAspectRatio: "none" });
       svg.append(image);
       const marks = plane.targets.map(([number, name, kind, x, y, toX, toY, label, lead]) => {

@@ -61,17 +61,17 @@ def render_report(
     """
     settings = settings or ReportSettings()
     ordered = sorted(views, key=hanging_order)
-    seen = [view.squeezed.view for view in ordered]
+    lesions = lesions_seen([view.squeezed.view for view in ordered], targets)
     return template("template.html").render(
         title=title,
         headline=_headline(ordered),
-        case=_case(ordered, targets),
+        case=_case(ordered, lesions),
         status=_STATUS.get(record.get("status", "done"), ""),
         warnings=_warnings(ordered, record),
         hanging=hanging(ordered, targets, settings),
         glance=glance(ordered, targets, answers or ShiftAnswers()),
         stacks=slice_stacks(ordered, targets),
-        lesions=lesions_seen(seen, targets),
+        lesions=lesions,
         shift_views=_shift_views(ordered, targets),
         shift=shift_section(ordered, targets, answers or ShiftAnswers(), settings),
         view_names=[view.squeezed.view.folder for view in ordered],
@@ -96,7 +96,7 @@ def _headline(views: Sequence[ReportedView]) -> str:
     return f"{breast}, {' and '.join(names)}"
 
 
-def _case(views: Sequence[ReportedView], targets: Sequence[Target]) -> str:
+def _case(views: Sequence[ReportedView], lesions: Sequence[dict[str, Any]]) -> str:
     """The case in one line."""
     if not views:
         return "No view was computed."
@@ -109,10 +109,7 @@ def _case(views: Sequence[ReportedView], targets: Sequence[Target]) -> str:
     if mammograms:
         first = mammograms[0]
         parts.append(f"{first.target}/{first.filter} {first.kvp:g} kV")
-    count = sum(
-        entry["first"].is_lesion
-        for entry in lesions_seen([v.squeezed.view for v in views], targets)
-    )
+    count = sum(entry["first"].is_lesion for entry in lesions)
     parts.append({0: "no lesion", 1: "1 lesion"}.get(count, f"{count} lesions"))
     return " · ".join(parts)
 

@@ -8,17 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mammosim.compression import CompressedBreast
+from mammosim.report.figures import jpeg_data_uri
 from mammosim.report.labels import Label, Marked, place_labels, sampled
-from mammosim.report.sections import (
-    PLANES,
-    Box,
-    Plane,
-    box_around,
-    middle_mm,
-    moved_corners_mm,
-    on_the_way,
-    section_uris,
-)
+from mammosim.report.sections import Box, Plane, moved_sections
 from mammosim.targets import Target
 
 FRAMES = 9
@@ -89,17 +81,10 @@ def drawings(squeezed: CompressedBreast, targets: Sequence[Target]) -> list[Draw
     of the breast behind the nipple. Between both ends each point goes straight and evenly:
     interpolated for display only, not a solution of the model at a lesser compression.
     """
-    shares = np.linspace(0.0, 1.0, FRAMES)
-    fields = [on_the_way(squeezed.field, share) if share else None for share in shares]
-    start = middle_mm(squeezed.phantom)
-    throughs = start + shares[:, None] * squeezed.displacement_at(start)
-    corners = moved_corners_mm(squeezed)
     drawn = []
-    for plane in PLANES:
-        box = box_around(plane, corners)
-        frames = section_uris(squeezed.phantom, throughs, box, plane, fields)
-        sides = (box.left, box.top, box.width, box.height)
-        drawn.append(Drawing(plane, *sides, frames, tuple(_moved(plane, targets, box))))
+    for plane, box, greys in moved_sections(squeezed, np.linspace(0.0, 1.0, FRAMES).tolist()):
+        frames = tuple(jpeg_data_uri(grey) for grey in greys)
+        drawn.append(Drawing(plane, *box.sides, frames, tuple(_moved(plane, targets, box))))
     return drawn
 
 
@@ -112,7 +97,7 @@ def _moved(plane: Plane, targets: Sequence[Target], box: Box) -> list[Moved]:
     shares = np.linspace(0.0, 1.0, FRAMES)[:, None, None]
     texts = ["N" if target.kind == "nipple" else str(target.target_id) for target in targets]
     marked = Marked(start + shares * shift, [_DOT_FONTS * font] * len(texts),
-                    (box.left, box.top, box.width, box.height), [ways] * FRAMES)  # fmt: skip
+                    box.sides, [ways] * FRAMES)  # fmt: skip
     labels = place_labels(marked, texts, [font] * len(texts), (1.0, -0.5))
     ends = np.concatenate([start, start + shift], axis=1).tolist()
     return [

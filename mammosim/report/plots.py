@@ -11,20 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
 from mammosim.errors import InputError
-from mammosim.phantom import BreastPhantom, tissue_box_mm
+from mammosim.phantom import BreastPhantom
 from mammosim.report.figures import draw_convergence
 from mammosim.report.hanging import ReportedView, targets_of
 from mammosim.report.markers import markers
-from mammosim.report.sections import (
-    PLANES,
-    Box,
-    Plane,
-    box_around,
-    middle_mm,
-    moved_corners_mm,
-    on_the_way,
-    section,
-)
+from mammosim.report.sections import Box, Plane, breast_sections, middle_mm, moved_sections
 from mammosim.targets import Target
 
 _MARK = "#ffd95a"
@@ -37,12 +28,10 @@ def plot_breast(
     phantom: BreastPhantom, through_mm: ArrayLike | None = None, axes: Any = None
 ) -> Any:
     """Draw three sections; see `BreastPhantom.plot`."""
-    through = middle_mm(phantom) if through_mm is None else np.asarray(through_mm, dtype=float)
+    through = None if through_mm is None else np.asarray(through_mm, dtype=float)
     axes = _axes(axes, (1, 3), (10.0, 4.0)).ravel()
-    corners = tissue_box_mm(phantom)
-    for one, plane in zip(axes, PLANES, strict=True):
-        box = box_around(plane, corners)
-        _show(one, plane, box, section(phantom, plane, through, box))
+    for one, (plane, box, grey) in zip(axes, breast_sections(phantom, through), strict=True):
+        _show(one, plane, box, grey)
         _mark(one, plane, [lesion.position_mm for lesion in phantom.lesions])
     return axes
 
@@ -88,18 +77,13 @@ def plot_study(views: Sequence[ReportedView], targets: Sequence[Target], axes: A
 def _planes(compressed: CompressedBreast, axes: Any) -> Any:
     """Sections before (upper row) and after (lower row)."""
     axes = _axes(axes, (2, 3), (10.0, 7.0))
-    phantom = compressed.phantom
-    start = middle_mm(phantom)
-    end = start + compressed.displacement_at(start)[0]
-    corners, field = moved_corners_mm(compressed), on_the_way(compressed.field, 1.0)
-    for column, plane in zip(axes.T, PLANES, strict=True):
-        box = box_around(plane, corners)
-        _show(column[0], plane, box, section(phantom, plane, start, box))
-        _show(column[1], plane, box, section(phantom, plane, end, box, field))
-        places = [lesion.position_mm for lesion in phantom.lesions]
-        _mark(column[0], plane, places)
-        if places:
-            _mark(column[1], plane, list(places + compressed.displacement_at(places)))
+    places = [lesion.position_mm for lesion in compressed.phantom.lesions]
+    ends = list(places + compressed.displacement_at(places)) if places else []
+    sections = moved_sections(compressed, (0.0, 1.0))
+    for column, (plane, box, greys) in zip(axes.T, sections, strict=True):
+        for one, grey, shown in zip(column, greys, (places, ends), strict=True):
+            _show(one, plane, box, grey)
+            _mark(one, plane, shown)
     axes[0, 0].set_ylabel("before, mm")
     axes[1, 0].set_ylabel(f"compressed for {compressed.view.folder}, mm")
     return axes
@@ -108,11 +92,8 @@ def _planes(compressed: CompressedBreast, axes: Any) -> Any:
 def _displacement(compressed: CompressedBreast, axes: Any) -> Any:
     """Arrows over sections before compression, from where tissue was to where it is."""
     axes = _axes(axes, (1, 3), (12.0, 4.5)).ravel()
-    phantom, through = compressed.phantom, middle_mm(compressed.phantom)
-    corners = moved_corners_mm(compressed)
-    for one, plane in zip(axes, PLANES, strict=True):
-        box = box_around(plane, corners)
-        seen = section(phantom, plane, through, box)
+    through = middle_mm(compressed.phantom)
+    for one, (plane, box, (seen,)) in zip(axes, moved_sections(compressed, (0.0,)), strict=True):
         _show(one, plane, box, seen)
         step = max(1, round(max(seen.shape) / _ARROWS))
         middle = (slice(step // 2, None, step),) * 2

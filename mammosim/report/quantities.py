@@ -46,9 +46,12 @@ _WHOLE = {
     "counts_per_kev": "Counts per keV/mm²",
 }
 
+NOT_KNOWN = "–"
+"""Printed where a value is missing."""
+
 
 def key_in_words(path: str) -> str:
-    """A configuration's key, as `phantom.lesions.0.diameter_mm`, in words with its unit.
+    """A configuration's key, such as `phantom.lesions.0.diameter_mm`, in words with its unit.
 
     Examples
     --------
@@ -69,10 +72,6 @@ def key_in_words(path: str) -> str:
 
 def _capital(words: str) -> str:
     return words[:1].upper() + words[1:]
-
-
-NOT_KNOWN = "–"
-"""Printed where a value is missing."""
 
 
 def quantity(key: str, values: Iterable[float | None]) -> tuple[str, str, list[str]]:
@@ -97,8 +96,7 @@ def quantity(key: str, values: Iterable[float | None]) -> tuple[str, str, list[s
         return _WHOLE[key], "", [number(value) for value in values]
     stem, _, ending = key.rpartition("_")
     unit = _UNITS.get(ending, "") if stem else ""
-    words = (stem if unit else key).replace("_", " ")
-    label = _NAMES.get(key, words[:1].upper() + words[1:])
+    label = _NAMES.get(key) or _capital((stem if unit else key).replace("_", " "))
     scale = _SCALE.get(ending, 1.0)
     return label, unit, [number(None if value is None else value * scale) for value in values]
 

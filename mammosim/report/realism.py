@@ -37,7 +37,7 @@ PUBLISHED = {
         49.0, 186.0, "Sullivan et al. 1991 (Radiology 181:355): all of 560 women, median 122.5 N",
     ),
 }  # fmt: skip
-"""Lowest and highest value and source of what has one range for all breasts."""
+"""Lowest and highest value, and source, of quantities with one range for all breasts."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Plane sections of a breast, as it lies uncompressed, compressed, and on the way between."""
+"""Plane sections of a breast: uncompressed, compressed, and in between."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from scipy.ndimage import map_coordinates
 from mammosim.compression import CompressedBreast, DisplacementField
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom import BreastPhantom, tissue_box_mm
-from mammosim.report.figures import jpeg_data_uri
 from mammosim.tissues import TISSUES
 
 PIXEL_MM = 1.0
@@ -25,7 +24,7 @@ MARGIN_MM = 6.0
 
 _BRIGHTNESS = {"adipose": 0.32, "skin": 0.85, "muscle": 0.6, "ligament": 0.65}
 _GLAND, _LESION = 0.75, 1.0
-"""Parts of white: as X-rays order tissues, fat dark and gland bright, without their scale."""
+"""Fractions of white: fat dark and gland bright, in the order of attenuation but not to scale."""
 
 
 @dataclass(frozen=True)
@@ -46,19 +45,22 @@ class Plane:
     right: tuple[float, float, float]
     up: tuple[float, float, float]
 
+    @property
+    def axes(self) -> NDArray[np.float64]:
+        """(2, 3) breast-frame vectors to the right and **down** in the drawing, as in SVG."""
+        return np.array([self.right, np.negative(self.up)])
+
     def project(self, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(..., 2) place in the drawing, mm to the right and **down**, as in SVG."""
-        axes = np.array([self.right, np.negative(self.up)])
-        placed: NDArray[np.float64] = points_mm @ axes.T
+        """(..., 2) place in the drawing, mm to the right and down."""
+        placed: NDArray[np.float64] = points_mm @ self.axes.T
         return placed
 
     def points(
         self, place_mm: NDArray[np.float64], through_mm: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """(..., 3) breast-frame points of the plane through a point, at places in the drawing."""
-        axes = np.array([self.right, np.negative(self.up)])
         normal = np.cross(self.right, self.up)
-        points: NDArray[np.float64] = place_mm @ axes + normal * (normal @ through_mm)
+        points: NDArray[np.float64] = place_mm @ self.axes + normal * (normal @ through_mm)
         return points
 
 
@@ -80,6 +82,11 @@ class Box:
     height: float
 
     @property
+    def sides(self) -> tuple[float, float, float, float]:
+        """Left, top, width and height."""
+        return self.left, self.top, self.width, self.height
+
+    @property
     def centres_mm(self) -> NDArray[np.float64]:
         """(row, column, 2) places of the pixels' centres."""
         columns, rows = (round(length / PIXEL_MM) for length in (self.width, self.height))
@@ -88,12 +95,51 @@ class Box:
         return np.stack(np.meshgrid(right, down), axis=-1)
 
 
-def box_around(plane: Plane, corners_mm: NDArray[np.float64]) -> Box:
-    """The rectangle around breast-frame points (n, 3), with a margin, in whole pixels."""
-    placed = plane.project(corners_mm)
-    low = placed.min(axis=0) - MARGIN_MM
-    size = np.ceil((placed.max(axis=0) + MARGIN_MM - low) / PIXEL_MM) * PIXEL_MM
-    return Box(*low.tolist(), *size.tolist())
+def breast_sections(
+    phantom: BreastPhantom, through_mm: NDArray[np.float64] | None = None
+) -> list[tuple[Plane, Box, NDArray[np.uint8]]]:
+    """Each plane of `PLANES` through an uncompressed breast: its box and its grey levels.
+
+    Parameters
+    ----------
+    phantom : BreastPhantom
+    through_mm : ndarray, (3,), optional
+        Point of the planes, breast frame, mm; default `middle_mm`.
+    """
+    through = middle_mm(phantom) if through_mm is None else through_mm
+    corners = tissue_box_mm(phantom)
+    boxes = [(plane, _box_around(plane, corners)) for plane in PLANES]
+    return [(plane, box, section(phantom, plane, through, box)) for plane, box in boxes]
+
+
+def moved_sections(
+    squeezed: CompressedBreast, shares: Sequence[float]
+) -> list[tuple[Plane, Box, list[NDArray[np.uint8]]]]:
+    """Each plane of `PLANES` through a breast as it is compressed: its box, and grey levels.
+
+    Parameters
+    ----------
+    squeezed : CompressedBreast
+    shares : sequence of float
+        Parts of the displacement that tissue has moved by, 0 to 1; grey levels are given for each.
+
+    Notes
+    -----
+    The planes pass through `middle_mm` and move with the tissue there.
+    """
+    phantom, start = squeezed.phantom, middle_mm(squeezed.phantom)
+    shift = squeezed.displacement_at(start)[0]
+    steps = [
+        (start + share * shift, interpolated_field(squeezed.field, share) if share else None)
+        for share in shares
+    ]
+    corners = _moved_corners_mm(squeezed)
+    found = []
+    for plane in PLANES:
+        box = _box_around(plane, corners)
+        greys = [section(phantom, plane, through, box, field) for through, field in steps]
+        found.append((plane, box, greys))
+    return found
 
 
 def middle_mm(phantom: BreastPhantom) -> NDArray[np.float64]:
@@ -102,6 +148,14 @@ def middle_mm(phantom: BreastPhantom) -> NDArray[np.float64]:
         return phantom.lesions[0].position_mm
     low, high = tissue_box_mm(phantom)
     return np.array([0.5 * (low[0] + high[0]), *phantom.nipple_mm[1:]])
+
+
+def _box_around(plane: Plane, corners_mm: NDArray[np.float64]) -> Box:
+    """The rectangle around breast-frame points (n, 3), with a margin, in whole pixels."""
+    placed = plane.project(corners_mm)
+    low = placed.min(axis=0) - MARGIN_MM
+    size = np.ceil((placed.max(axis=0) + MARGIN_MM - low) / PIXEL_MM) * PIXEL_MM
+    return Box(*low.tolist(), *size.tolist())
 
 
 def section(
@@ -169,8 +223,8 @@ def _origins(field: DisplacementField, points_mm: NDArray[np.float64]) -> NDArra
     return np.stack(places, axis=1) @ field.rotation
 
 
-def on_the_way(field: DisplacementField, share: float) -> DisplacementField:
-    """A coarser field for drawing in which each point has gone a share of its way, straight."""
+def interpolated_field(field: DisplacementField, share: float) -> DisplacementField:
+    """A coarser field for display, in which each point has moved by a share of its displacement."""
     step = max(1, round(FIELD_MM / float(max(field.frame.spacing_mm))))
     some = (slice(None, None, step),) * 3
     displacement = np.ascontiguousarray(field.displacement_mm[some]) * np.float32(share)
@@ -179,23 +233,9 @@ def on_the_way(field: DisplacementField, share: float) -> DisplacementField:
     return replace(field, frame=frame, displacement_mm=displacement, tissue=field.tissue[some])
 
 
-def moved_corners_mm(squeezed: CompressedBreast) -> NDArray[np.float64]:
+def _moved_corners_mm(squeezed: CompressedBreast) -> NDArray[np.float64]:
     """(n, 3) points around the breast before and after compression, breast frame, mm."""
-    field = on_the_way(squeezed.field, 1.0)
+    field = interpolated_field(squeezed.field, 1.0)
     points = field.frame.position_mm(np.argwhere(field.tissue))
     moved = points + field.displacement_mm[field.tissue]
     return np.concatenate([points, moved]) @ field.rotation
-
-
-def section_uris(
-    phantom: BreastPhantom,
-    throughs_mm: NDArray[np.float64],
-    box: Box,
-    plane: Plane,
-    fields: Sequence[DisplacementField | None],
-) -> tuple[str, ...]:
-    """Pictures of one plane that follows a point (n, 3), one for each field, as data URIs."""
-    return tuple(
-        jpeg_data_uri(section(phantom, plane, through, box, field))
-        for through, field in zip(throughs_mm, fields, strict=True)
-    )

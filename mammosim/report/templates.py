@@ -1,4 +1,4 @@
-"""The report's templates, which lie beside this file."""
+"""The report's templates, in this folder."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mammosim.report.quantities import number
 
 @cache
 def template(name: str) -> Template:
-    """One of the templates, ready to be filled: what is put in is escaped, and must be there."""
+    """One of the templates: values are escaped, and a missing one is an error."""
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
                               lstrip_blocks=True, loader=FunctionLoader(_part))  # fmt: skip
     environment.filters["number"] = number

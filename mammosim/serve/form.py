@@ -19,7 +19,7 @@ Kind = Literal["switch", "choice", "number", "text", "values"]
 KeyPath = tuple[str, ...]
 
 WHERE = "form"
-"""What messages call the form; it is cut off before they are shown."""
+"""Name of the form in messages; it is removed before they are shown."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Field:
     kind : str
     choices : tuple of str
     default : str
-        The default as text; empty where it is left out.
+        The default as text; empty where there is none.
     """
 
     path: KeyPath
@@ -75,7 +75,7 @@ def _fields(
 
 
 def _resolved(node: Mapping[str, Any], known: Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
-    """A node without its reference and without `null`; and the name of what it referred to."""
+    """A node without its reference and without `null`, and the name that it referred to."""
     if "anyOf" in node:
         parts = [part for part in node["anyOf"] if part.get("type") != "null"]
         return _resolved(parts[0], known) if len(parts) == 1 else ({}, "")
@@ -121,15 +121,15 @@ def values_of(
     Parameters
     ----------
     texts : mapping of str to str
-        By key; empty where a field is left out.
+        By key; empty where a field is not set.
     fields : tuple of Field
     opened : mapping
-        The configuration that was opened: what no field shows is kept.
+        The configuration that was opened: what has no field is kept.
 
     Raises
     ------
     InputError
-        With one line a field that is no YAML.
+        With one line per field that is not valid YAML.
     """
     values: dict[str, Any] = json.loads(json.dumps(opened, default=str))
     problems = []
@@ -173,9 +173,9 @@ def checked(values: dict[str, Any], folder: Path) -> RunConfig:
 
 
 def by_field(error: InputError, fields: tuple[Field, ...]) -> tuple[dict[str, str], list[str]]:
-    """Messages at the fields that they are about, by key; and those about none.
+    """Messages by the key of their field, and those that belong to no field.
 
-    A message names its key, or one inside the field, as `views.0.view` for `views`.
+    A message names its key, or one inside the field, such as `views.0.view` for `views`.
     """
     placed: dict[str, str] = {}
     others = []

@@ -1,4 +1,4 @@
-"""Lets in requests that come by the page's own address with its token, and no others."""
+"""Admits requests to the page's own address with its token, and no others."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 COOKIE = "mammosim"
 HOSTS = ("127.0.0.1", "localhost")
-"""Names of this machine that a browser may call it by: another name would be another page's trick
-to reach it."""
+"""Names of this machine that a request may use: any other may come from another site (DNS
+rebinding)."""
 
 
 class Gate:
@@ -27,7 +27,7 @@ class Gate:
     ----------
     app : ASGI application
     token : str
-        In the address first, then in a cookie of this browser.
+        In the address at first, then in a cookie of the browser.
     """
 
     def __init__(self, app: App, token: str) -> None:

@@ -1,4 +1,4 @@
-"""Runs that are going on: each in a process of its own, one at a time, the others wait."""
+"""Runs in progress: each in a process of its own, one at a time; the others wait."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STATUS_OF_EXIT: dict[int, Status] = {
 }  # fmt: skip
 
 MAX_ROWS = 5000
-"""Rows of a view's convergence that are kept for the curve; of more, every second is dropped."""
+"""Rows of a view's convergence kept for the curve; beyond, every second one is dropped."""
 
 
 @dataclass
@@ -40,7 +40,7 @@ class Job:
     share : float
         Part that is done, 0 to 1.
     text : str
-        What it does, and when it will end.
+        The stage, and when the run will end.
     rows : dict of str to list of dict
         Rows of the solver's history, by the view's folder.
     said : list of str
@@ -62,7 +62,7 @@ class Job:
         return self.status not in ("waiting", "running")
 
     def start(self, command: Command) -> None:
-        """Start its process, and follow what it says."""
+        """Start its process, and follow its output."""
         words = [sys.executable, "-m", "mammosim", *command(self.config, self.folder)]
         self.status, self.text = "running", "starting"
         self.process = subprocess.Popen(
@@ -75,7 +75,7 @@ class Job:
     def cancel(self) -> None:
         """Interrupt it as Ctrl-C does: what was reached is saved."""
         if self.status == "waiting":
-            self.status, self.text = "interrupted", "was not begun"
+            self.status, self.text = "interrupted", "cancelled before it started"
         elif self.process is not None and self.process.poll() is None:
             self.text = "stopping, and saving what was reached"
             self.process.send_signal(signal.SIGINT)
@@ -117,7 +117,7 @@ class Jobs:
     Parameters
     ----------
     command : callable
-        Arguments of the command line that make a run of a configuration in a folder, and print
+        Gives the command line's arguments for a run of a configuration in a folder that prints
         its progress as events.
     """
 
@@ -143,7 +143,7 @@ class Jobs:
         return next((job for job in reversed(self.all) if job.folder == folder), None)
 
     def stop(self) -> None:
-        """Interrupt all, as the page is closed."""
+        """Interrupt all, when the page is closed."""
         for job in self.all:
             if not job.is_over:
                 job.cancel()

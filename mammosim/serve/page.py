@@ -1,7 +1,8 @@
-"""The page itself: a form at the left, runs and their results at the right."""
+"""The page itself: the form on the left, runs and their results on the right."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from nicegui import app, events, ui
 from mammosim.config import parse_value, read_yaml, write_yaml
 from mammosim.errors import InputError
 from mammosim.report import key_in_words
+from mammosim.serve import results
 from mammosim.serve.form import (
     Field,
     as_text,
@@ -23,25 +25,12 @@ from mammosim.serve.form import (
     values_of,
 )
 from mammosim.serve.jobs import Command, Job, Jobs
-from mammosim.serve.results import (
-    facts_of,
-    files_of,
-    marks_of,
-    marks_svg,
-    picture_jpeg,
-    runs_in,
-    shown_size,
-    status_of,
-    table,
-    views_of,
-    warnings_of,
-)
 
 REFRESH_S = 0.7
-"""Between two looks at the runs that are going on."""
+"""Interval at which the page checks the runs."""
 
 FIRST = ("phantom", "compression", "views", "acquisition")
-"""Sections that are open at first."""
+"""Sections of the form that are open at first."""
 
 LESION_COLUMNS = ("name", "kind", "laterality", "view", "shift_mm", "x_mm", "y_mm", "z_mm",
                   "nipple_distance_mm", "skin_depth_mm", "in_field")  # fmt: skip
@@ -62,21 +51,21 @@ def add_page(examples: Path, runs: Path, command: Command) -> Jobs:
     Returns
     -------
     Jobs
-        The runs that are started from the page, which a reload of it keeps.
+        The runs started from the page; they outlast a reload.
     """
     jobs, fields = Jobs(command), form_fields()
 
     @app.get("/picture/{run}/{view}")
     def picture(run: str, view: str, level: float = 0.5, width: float = 1.0) -> Response:
         folder = _run_folder(runs, run)
-        if folder is None or view not in views_of(folder):
+        if folder is None or view not in results.views_of(folder):
             return Response(status_code=404)
-        return Response(picture_jpeg(folder, view, level, width), media_type="image/jpeg")
+        return Response(results.picture_jpeg(folder, view, level, width), media_type="image/jpeg")
 
     @app.get("/file/{run}/{path:path}", response_model=None)
     def file(run: str, path: str) -> Response:
         folder = _run_folder(runs, run)
-        if folder is None or path not in files_of(folder):
+        if folder is None or path not in results.files_of(folder):
             return Response(status_code=404)
         return FileResponse(folder / path)
 
@@ -88,13 +77,13 @@ def add_page(examples: Path, runs: Path, command: Command) -> Jobs:
 
 
 def _run_folder(runs: Path, name: str) -> Path | None:
-    """A run's folder by its name; None where there is none of that name directly there."""
+    """The run's folder of that name; None unless it lies directly in the folder of runs."""
     folder = runs / name
     return folder if folder.parent == runs and folder.is_dir() and name not in ("", "..") else None
 
 
 class _Page:
-    """One open window of the page: its form, and the run that it shows."""
+    """One open window of the page: its form and the run it shows."""
 
     def __init__(self, jobs: Jobs, fields: tuple[Field, ...], examples: Path, runs: Path) -> None:
         self._jobs, self._fields, self._runs, self._examples = jobs, fields, runs, examples
@@ -141,9 +130,9 @@ class _Page:
                         self._inputs[field.key] = self._input(field)
 
     def _input(self, field: Field) -> Any:
-        """An input for a field, with its key, its sentences and its default."""
+        """An input for a field, with its key, description and default."""
         label, hint = f"{field.label}  ({field.key})", field.text
-        default = f"default: {field.default}" if field.default else "left out"
+        default = f"default: {field.default}" if field.default else "not set"
         if field.kind in ("choice", "switch"):
             choices = field.choices or ("true", "false")
             entry: Any = ui.select({"": default, **{one: one for one in choices}}, label=label,
@@ -183,7 +172,7 @@ class _Page:
         self._show_problems({}, [])
 
     def _values(self) -> dict[str, Any] | None:
-        """The configuration's values where they are sound; else the mistakes are shown."""
+        """The configuration's values; None where they are not valid, and the mistakes are shown."""
         texts = {key: as_text(entry.value or "") for key, entry in self._inputs.items()}
         try:
             values = values_of(texts, self._fields, self._opened)
@@ -209,7 +198,7 @@ class _Page:
 
     def _check(self) -> None:
         if self._values() is not None:
-            ui.notify("The configuration is sound.", type="positive")
+            ui.notify("The configuration is valid.", type="positive")
 
     def _start(self) -> None:
         values = self._values()
@@ -256,7 +245,7 @@ class _Page:
     def _look(self) -> None:
         """Show what has changed since the last look."""
         self._jobs.advance()
-        finished = runs_in(self._runs) if self._runs.is_dir() else []
+        finished = results.runs_in(self._runs) if self._runs.is_dir() else []
         going = [job.folder for job in self._jobs.all if job.folder not in finished]
         every = tuple(dict.fromkeys([*reversed(going), *finished]))
         statuses = tuple(self._status(folder) for folder in every)
@@ -269,7 +258,7 @@ class _Page:
 
     def _status(self, folder: Path) -> str:
         job = self._jobs.of(folder)
-        return job.status if job is not None else status_of(folder)
+        return job.status if job is not None else results.status_of(folder)
 
     def _draw_list(self, every: tuple[Path, ...], statuses: tuple[str, ...]) -> None:
         self._list.clear()
@@ -319,8 +308,8 @@ class _Page:
         named = {"volume_change_percent": "volume change, %", "inverted_cells": "folded cells",
                  "smallest_j": "minimum volume ratio", "force_n": "force, N",
                  "gap_mm": "gap, mm"}  # fmt: skip
-        told = [f"{name} {last[key]:.3g}" for key, name in named.items() if key in last]
-        self._numbers.text = " · ".join(told)
+        shown = [f"{name} {last[key]:.3g}" for key, name in named.items() if key in last]
+        self._numbers.text = " · ".join(shown)
 
     def _draw_results(self) -> None:
         self._results.clear()
@@ -328,18 +317,21 @@ class _Page:
         if run is None or not (run / "run.json").is_file():
             return
         with self._results:
-            for text in warnings_of(run):
+            for text in results.warnings_of(run):
                 ui.label(text).classes("text-caption text-brown-9")
-            for view in views_of(run):
+            for view in results.views_of(run):
                 self._viewer(run, view)
-            facts = facts_of(run)
+            facts = results.facts_of(run)
             if facts:
                 _table("Views", facts)
-            lesions = [{key: row.get(key, "") for key in LESION_COLUMNS} for row in table(run)]
+            lesions = [
+                {key: row.get(key, "") for key in LESION_COLUMNS}
+                for row in results.lesion_rows(run)
+            ]
             if lesions:
                 _table("Where each lesion was, and how far it moved", lesions)
             with ui.expansion("Files").classes("w-full"):
-                for path in files_of(run):
+                for path in results.files_of(run):
                     ui.link(path, f"/file/{run.name}/{path}", new_tab=path == "report.html")
             if (run / "report.html").is_file():
                 ui.link(
@@ -348,9 +340,9 @@ class _Page:
                 )  # fmt: skip
 
     def _viewer(self, run: Path, view: str) -> None:
-        """A picture with window, level, zoom and marks."""
-        columns, rows = shown_size(run, view)
-        marks = marks_svg(marks_of(run, view), columns, rows)
+        """A picture with window, zoom and marks."""
+        columns, rows = results.shown_size(run, view)
+        marks = results.marks_svg(results.marks_of(run, view), columns, rows)
         address = f"/picture/{run.name}/{view}"
 
         def window() -> None:
@@ -364,21 +356,27 @@ class _Page:
 
         with ui.row().classes("items-center w-full"):
             ui.label(view).classes("text-subtitle1")
-            for name in ("Level", "Width", "Zoom"):
-                ui.label(name).classes("text-caption")
-                if name == "Level":
-                    level = ui.slider(min=0.0, max=1.0, step=0.02, value=0.5, on_change=window)
-                    level.classes("w-24").props('aria-label="Level"')
-                elif name == "Width":
-                    width = ui.slider(min=0.05, max=1.0, step=0.05, value=1.0, on_change=window)
-                    width.classes("w-24").props('aria-label="Width of the window"')
-                else:
-                    zoom = ui.slider(min=50, max=400, step=10, value=50, on_change=resize)
-                    zoom.classes("w-24").props('aria-label="Zoom"')
+            level = _slider("Level", "Level", (0.0, 1.0, 0.02), 0.5, window)
+            width = _slider("Width", "Width of the window", (0.05, 1.0, 0.05), 1.0, window)
+            zoom = _slider("Zoom", "Zoom", (50, 400, 10), 50, resize)
             marked = ui.checkbox("Lesions", value=True, on_change=mark)
         with ui.element("div").classes("w-full overflow-auto bg-black").style("max-height: 70vh"):
             image = ui.interactive_image(f"{address}?level=0.5&width=1", content=marks)
             image.style("width: 50%")
+
+
+def _slider(
+    label: str,
+    spoken: str,
+    span: tuple[float, float, float],
+    value: float,
+    on_change: Callable[[], None],
+) -> ui.slider:
+    """A slider with its label; the span is its minimum, maximum and step."""
+    ui.label(label).classes("text-caption")
+    low, high, step = span
+    slider = ui.slider(min=low, max=high, step=step, value=value, on_change=on_change)
+    return slider.classes("w-24").props(f'aria-label="{spoken}"')
 
 
 def _table(title: str, rows: list[dict[str, Any]]) -> None:
@@ -389,7 +387,7 @@ def _table(title: str, rows: list[dict[str, Any]]) -> None:
 
 
 def _residuals(rows: list[dict[str, Any]]) -> list[str]:
-    """Columns that tell of convergence."""
+    """At most two columns that show convergence."""
     telling = ("residual", "error", "move", "deviation", "out_of_balance")
     names = rows[0] if rows else {}
     return [key for key in names if any(word in key for word in telling)][:2]

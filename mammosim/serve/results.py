@@ -1,10 +1,12 @@
-"""What lies in a run's folder, for the page: views, pictures through a window, tables, files."""
+"""What a run's folder holds, for the page: views, pictures through a window, tables, files."""
 
 from __future__ import annotations
 
 import csv
 import io
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -15,14 +17,14 @@ from PIL import Image
 from mammosim.pipeline import STAGES_FOLDER, read_record
 
 MAX_ROWS = 1600
-"""Height that a picture is reduced to for the page; the files hold every pixel."""
+"""Largest height of a picture on the page; the files hold every pixel."""
 
 _PICTURE = "for_presentation.png"
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A target on a picture, as parts of its width and height, and its name."""
+    """A target on a picture, in fractions of its width and height, and its name."""
 
     name: str
     x: float
@@ -36,7 +38,14 @@ def runs_in(folder: Path) -> list[Path]:
 
 
 def status_of(run: Path) -> str:
-    """How a run ended, as its record says."""
+    """How a run ended, as its record says; read again only once the record has changed."""
+    with suppress(OSError):
+        return _status_at(run, (run / "run.json").stat().st_mtime_ns)
+    return "unknown"
+
+
+@lru_cache(maxsize=1024)
+def _status_at(run: Path, written_ns: int) -> str:
     return str(read_record(run).get("status", "unknown"))
 
 
@@ -53,21 +62,20 @@ def picture_jpeg(run: Path, view: str, level: float, width: float) -> bytes:
     run : Path
     view : str
     level, width : float
-        Middle and width of the window, parts of the image's own window.
+        Centre and width of the window, as fractions of the image's own window.
     """
     with Image.open(run / view / _PICTURE) as opened:
-        grey = np.asarray(opened, dtype=np.float64) / 65535.0
-    factor = max(1, -(-grey.shape[0] // MAX_ROWS))
-    grey = grey[::factor, ::factor] if factor > 1 else grey
+        factor = _reduction(opened.height)
+        grey = np.asarray(opened)[::factor, ::factor] / 65535.0
     shown = np.clip((grey - level) / max(width, 0.01) + 0.5, 0.0, 1.0)
     stream = io.BytesIO()
     Image.fromarray(np.rint(255.0 * shown).astype(np.uint8)).save(stream, "JPEG", quality=88)
     return stream.getvalue()
 
 
-def table(run: Path, name: str = "lesions.csv") -> list[dict[str, str]]:
-    """Rows of one of the run's tables; none where it has no such table."""
-    path = run / name
+def lesion_rows(run: Path) -> list[dict[str, str]]:
+    """Rows of `lesions.csv`; none where the run has no such table."""
+    path = run / "lesions.csv"
     if not path.is_file():
         return []
     with path.open(newline="", encoding="utf-8") as stream:
@@ -76,12 +84,11 @@ def table(run: Path, name: str = "lesions.csv") -> list[dict[str, str]]:
 
 def marks_of(run: Path, view: str) -> list[Mark]:
     """Targets that lie in a view's picture."""
-    with Image.open(run / view / _PICTURE) as opened:
-        columns, rows = opened.size
+    columns, rows = _size(run, view)
     return [
         Mark(row["name"], (float(row["image_col_px"]) + 0.5) / columns,
              (float(row["image_row_px"]) + 0.5) / rows)
-        for row in table(run)
+        for row in lesion_rows(run)
         if row["laterality"] + row["view"] == view and row["in_field"] == "true"
     ]  # fmt: skip
 
@@ -102,10 +109,19 @@ def marks_svg(marks: list[Mark], columns: int, rows: int) -> str:
 
 def shown_size(run: Path, view: str) -> tuple[int, int]:
     """Columns and rows of the picture as the page shows it."""
-    with Image.open(run / view / _PICTURE) as opened:
-        columns, rows = opened.size
-    factor = max(1, -(-rows // MAX_ROWS))
+    columns, rows = _size(run, view)
+    factor = _reduction(rows)
     return -(-columns // factor), -(-rows // factor)
+
+
+def _size(run: Path, view: str) -> tuple[int, int]:
+    with Image.open(run / view / _PICTURE) as opened:
+        return opened.size
+
+
+def _reduction(rows: int) -> int:
+    """Every how many pixels one is shown."""
+    return max(1, -(-rows // MAX_ROWS))
 
 
 def facts_of(run: Path) -> list[dict[str, Any]]:
@@ -132,6 +148,6 @@ def files_of(run: Path) -> list[str]:
 
 
 def warnings_of(run: Path) -> list[str]:
-    """What the record warns of."""
+    """The record's warnings."""
     found = read_record(run).get("warnings", [])
     return [str(one) for one in found] if isinstance(found, list) else []

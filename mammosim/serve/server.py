@@ -1,4 +1,4 @@
-"""Starts the page on this machine's own address."""
+"""Starts the page on the loopback address."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def serve(
     runs : Path
         Folder of runs, where new ones are made too.
     command : callable
-        Arguments of the command line by which a run is made, given its configuration and folder.
+        See `Jobs`.
     say : callable
-        Given the page's address.
+        Called with the page's address.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def serve(
     app.add_middleware(Gate, token=token)
     app.on_startup(lambda: say(f"http://{ADDRESS}:{port}/?token={token}"))
     app.on_shutdown(jobs.stop)
-    with suppress(KeyboardInterrupt):  # how the page is closed
+    with suppress(KeyboardInterrupt):  # Ctrl-C closes the page
         ui.run(
             host=ADDRESS, port=port, title="mammosim", show=False, reload=False, dark=None,
             show_welcome_message=False, favicon="🩻",
