@@ -27,19 +27,19 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import cache, wraps
-from pickle import UnpicklingError
 from typing import Any, ParamSpec, TypeVar
 
 import llvmlite.binding
 import numba
 import numba.extending
 import numpy as np
-from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
 from numba.core.event import Event, Listener, install_listener
 from threadpoolctl import threadpool_limits
+
+from mammosim._kernel_cache import kernel_cache
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -55,57 +55,14 @@ milliseconds to start a thread."""
 
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
-_DAMAGED = (
-    EOFError, ValueError, TypeError, LookupError, AttributeError, ImportError, UnpicklingError,
-)  # fmt: skip
-"""What reading a damaged file of the cache may raise."""
-
-_cache_problems: list[str] = []
-
-
-class _Cache(FunctionCache):
-    """Numba's cache on disk, which may fail: the kernel is then compiled again at the next start.
-
-    A full disk, a quota or a folder that cannot be written would otherwise end a run, and a file
-    cut short every later one.
-    """
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        with self._may_fail("read"):
-            return super().load_overload(sig, target_context)
-        return None
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        with self._may_fail("saved"):
-            super().save_overload(sig, data)
-
-    @contextmanager
-    def _may_fail(self, what: str) -> Iterator[None]:
-        """Note a disk that fails; empty a damaged cache, so that it is written again."""
-        try:
-            yield
-        except OSError as error:
-            _cache_problems.append(f"cannot be {what}: {error.strerror}")
-        except _DAMAGED:
-            with suppress(OSError):
-                self.flush()
-
-
-def cache_problem() -> str:
-    """Why compiled kernels could not be read from, or saved on, the disk; empty if all were."""
-    return _cache_problems[0] if _cache_problems else ""
-
 
 def _compile(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     """Compile a function at its first call, and keep the machine code on disk."""
     compiled = numba.njit(**_OPTIONS, **options)(function)
     if isinstance(compiled, Dispatcher):  # with NUMBA_DISABLE_JIT it is the function itself
-        try:
-            compiled._cache = _Cache(function)  # type: ignore[attr-defined]
-        except RuntimeError:
-            _cache_problems.append(
-                "cannot be saved: neither the program's folder nor the home folder can be written"
-            )
+        kept = kernel_cache(function)
+        if kept is not None:
+            compiled._cache = kept  # type: ignore[attr-defined]
     return compiled
 
 

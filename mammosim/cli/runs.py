@@ -154,7 +154,7 @@ def run(
 
 def _warn_of_kernel_cache() -> None:
     """Say why the next run has to compile its kernels again, if it has to."""
-    from mammosim._jit import cache_problem
+    from mammosim._kernel_cache import cache_problem
 
     problem = cache_problem()
     if problem:
