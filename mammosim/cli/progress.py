@@ -22,9 +22,8 @@ if TYPE_CHECKING:
 SECONDS_A_LINE = 30.0
 """Between two lines of a stage's progress where there is no terminal."""
 
-
 SECONDS_AN_EVENT = 0.1
-"""Between two rows of a solver's history that another program is told."""
+"""Between two rows of a solver's history that are reported to another program."""
 
 COMPILING = "compiling, once on a machine, a minute in all"
 """45 s for the example on two cores, 25 to 30 s of it where the first view is compressed."""
@@ -49,16 +48,19 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
         where, began = "starting", monotonic()
         explained = False
 
+        def line() -> str:
+            return f"{where} ({run.sentence(datetime.now())})"
+
         def tell(view: str, stage: str, row: Any) -> None:
             nonlocal where, began, explained
             where = stage_in_words(view, stage)
             if row is None:
                 run.report(view, stage)
                 began, explained = monotonic(), False
-                show(f"{where} ({run.sentence(datetime.now())})", at_once=True)
+                show(line(), at_once=True)
             else:
                 numbers = f", {row_text(row, monotonic() - began)}" if verbose else ""
-                show(f"{where} ({run.sentence(datetime.now())}){numbers}")
+                show(line() + numbers)
 
         def tell_compiling(kernel: str | None) -> None:
             nonlocal explained
@@ -67,7 +69,7 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
                 show(f"{where}: {COMPILING}{named}", at_once=not explained)
                 explained = True
             elif err.is_terminal:
-                show(f"{where} ({run.sentence(datetime.now())})")
+                show(line())
 
         with watch_compiling(tell_compiling):
             yield tell
@@ -75,7 +77,7 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
 
 @contextmanager
 def event_lines(plan: Plan) -> Iterator[Any]:
-    """Print progress as JSON, one line an event, for a program that follows the run.
+    """Print progress as JSON, one line per event, for a program that follows the run.
 
     Each has `view`, `stage`, `text`, `share` (0 to 1) and `row`: the solver's numbers or null.
     """

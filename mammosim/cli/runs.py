@@ -51,7 +51,7 @@ def _example_names() -> list[str]:
 
 
 def _described_examples() -> str:
-    """The names and what each example says of itself first, for the help."""
+    """Each example's name and its first comment line, for the help."""
     with _examples() as folder:
         lines = []
         for name in _example_names():
@@ -66,7 +66,7 @@ def new(
         str,
         typer.Argument(
             help=f"Name of the example: {', '.join(_example_names())}.",
-            autocompletion=lambda: _example_names(),
+            autocompletion=_example_names,
         ),
     ],
 ) -> None:
@@ -112,7 +112,7 @@ def run(
         bool, typer.Option("--verbose", "-v", help="Show the solver's numbers while it works.")
     ] = False,
     events: Annotated[
-        bool, typer.Option("--events", hidden=True, help="Progress as JSON, one line an event.")
+        bool, typer.Option("--events", hidden=True, help="Progress as JSON, one line per event.")
     ] = False,
 ) -> None:
     """Run the whole pipeline."""
@@ -247,7 +247,7 @@ def serve(
 
 
 def _run_words(config: Path, folder: Path) -> list[str]:
-    """Arguments that make a run for the page."""
+    """Arguments of the run that the page starts."""
     return ["run", str(config), "--output", str(folder), "--events"]
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
+
+from mammosim.pipeline import expected_end
 
 
 @dataclass(frozen=True)
@@ -73,10 +75,6 @@ class Progress:
         if not self.workers:
             return ", ".join([*parts, "waiting for workers"])
         if self.seconds_left is not None:
-            end = now + timedelta(seconds=self.seconds_left)
-            day = "" if end.date() == now.date() else f"{end:%Y-%m-%d} "
-            parts += [
-                f"{self.patients_per_hour:.3g} patients an hour",
-                f"ends about {day}{end:%H:%M}",
-            ]
+            parts.append(f"{self.patients_per_hour:.3g} patients an hour")
+            parts.append(expected_end(now, self.seconds_left))
         return ", ".join(parts)

@@ -13,9 +13,10 @@ from pydicom.sequence import Sequence
 
 from mammosim.acquisition import Mammogram
 from mammosim.export import dicom_modules as modules
-from mammosim.export.dicom import image_dataset
+from mammosim.export.dicom import acquired, image_dataset
 from mammosim.export.dicom_agent import contrast_agent
-from mammosim.export.dicom_modules import Intent
+from mammosim.export.dicom_object import decimal_string, save_object
+from mammosim.export.dicom_series import Intent, series_description
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.pictures import write_stack_tiff
 from mammosim.export.settings import ExportSettings
@@ -58,7 +59,7 @@ def write_contrast(
     folder = Path(folder)
     if settings.dicom:
         for name, dataset in contrast_datasets(mammogram, study, settings).items():
-            modules.save_object(dataset, folder / f"{name}.dcm")
+            save_object(dataset, folder / f"{name}.dcm")
     if settings.tiff:
         iodine, pixel_mm = mammogram.contrast.iodine.mg_cm2, mammogram.gantry.pixel_mm
         write_stack_tiff([iodine], pixel_mm, folder / "iodine.tif", compression="zlib")
@@ -74,7 +75,7 @@ def contrast_datasets(
     exposure: dict[str, Any] = {
         **modules.processing(),
         **contrast_agent("HIGH_ENERGY", raw=True),
-        "SeriesDescription": modules.series_description(view, " high energy"),
+        "SeriesDescription": series_description(view, " high energy"),
         "IrradiationEventUID": study.uid("exposure", view.folder, "high energy"),
     }
     made = {}
@@ -83,17 +84,10 @@ def contrast_datasets(
         ("recombined", "iodine", "presentation", mammogram, _recombined(mammogram, study),
          iodine_pixels(mammogram.contrast.iodine.flattened_mg_cm2)),
     )  # fmt: skip
-    for name, series, intent, technique, own, pixels in objects:
-        filled = (
-            modules.identification(study, settings, series, view),
-            modules.image(study, intent, mammogram),
-            modules.detector(technique),
-            modules.positioning(technique),
-            modules.technique(technique),
-            own,
-            modules.pixel_data(pixels, modules.BITS_STORED[intent]),
-        )
-        made[name] = image_dataset(filled, intent, study.uid("image", view.folder, name))
+    for name, series, intent, taken, own, pixels in objects:
+        attributes = {**acquired(taken, intent, series, study, settings), **own}
+        uid = study.uid("image", view.folder, name)
+        made[name] = image_dataset(attributes, pixels, intent, uid)
     return made
 
 
@@ -102,19 +96,18 @@ def _recombined(mammogram: Mammogram, study: StudyIdentity) -> dict[str, Any]:
     view = mammogram.gantry.view
     sources = [study.uid("image", view.folder, name) for name in ("processing", "high_energy")]
     low, high = (ZERO + STEPS_PER_MG_CM2 * mg_cm2 for mg_cm2 in WINDOW_MG_CM2)
-    agent = contrast_agent("", raw=False)
     return {
-        **agent,
+        **contrast_agent("", raw=False),
         "ImageType": ["DERIVED", "PRIMARY", "", "SUBTRACTION"],
-        "SeriesDescription": modules.series_description(view, " iodine"),
+        "SeriesDescription": series_description(view, " iodine"),
         "AcquisitionDeviceProcessingDescription": "Weighted logarithmic subtraction",
         "SourceImageSequence": Sequence([modules.source_image(uid) for uid in sources]),
         "PhotometricInterpretation": "MONOCHROME2",
         "PixelIntensityRelationship": "LOG",
         "PixelIntensityRelationshipSign": -1,
         "PresentationLUTShape": "IDENTITY",
-        "WindowCenter": modules.decimal_string(0.5 * (low + high)),
-        "WindowWidth": modules.decimal_string(high - low),
+        "WindowCenter": decimal_string(0.5 * (low + high)),
+        "WindowWidth": decimal_string(high - low),
         "WindowCenterWidthExplanation": "Iodine",
     }
 

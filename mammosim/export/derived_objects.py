@@ -6,12 +6,8 @@ from typing import Any
 
 from pydicom import Dataset
 
-from mammosim.export.dicom_modules import (
-    identification,
-    series_description,
-    series_of,
-    set_attributes,
-)
+from mammosim.export.dicom_object import set_attributes
+from mammosim.export.dicom_series import identification, series_description, series_of
 from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
 from mammosim.export.settings import ExportSettings
 from mammosim.geometry import View

@@ -5,16 +5,19 @@ The image says in several places that no patient was imaged.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from os import PathLike
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydicom import Dataset
 
 from mammosim.acquisition import Mammogram
 from mammosim.export import dicom_modules as modules
 from mammosim.export.dicom_agent import contrast_agent
-from mammosim.export.dicom_modules import Intent
+from mammosim.export.dicom_object import save_object, set_attributes, set_identity
+from mammosim.export.dicom_series import Intent, identification, image_uid
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.settings import ExportSettings
 
@@ -46,7 +49,7 @@ def write_dicom(
         If the file cannot be written.
     """
     dataset = mammogram_dataset(mammogram, intent, study, settings, draw)
-    modules.save_object(dataset, path)
+    save_object(dataset, path)
 
 
 def mammogram_dataset(
@@ -65,30 +68,57 @@ def mammogram_dataset(
     """
     view, raw = mammogram.gantry.view, intent == "processing"
     enhanced = {} if mammogram.contrast is None else contrast_agent("LOW_ENERGY", raw)
-    filled = (
-        modules.identification(study, settings, intent, view),
-        modules.image(study, intent, mammogram, draw),
-        modules.detector(mammogram),
-        modules.positioning(mammogram),
-        modules.technique(mammogram),
-        modules.processing() if raw else modules.presentation(mammogram, study, draw),
-        modules.pixel_data(
-            mammogram.for_processing if raw else mammogram.for_presentation,
-            modules.BITS_STORED[intent],
-        ),
-        enhanced,
-    )
-    dataset = image_dataset(filled, intent, modules.image_uid(study, view, intent, draw))
-    dataset.InstanceNumber = draw
-    return dataset
+    attributes = {
+        **acquired(mammogram, intent, intent, study, settings, draw),
+        **(modules.processing() if raw else modules.presentation(mammogram, study, draw)),
+        **enhanced,
+        "InstanceNumber": draw,
+    }
+    pixels = mammogram.for_processing if raw else mammogram.for_presentation
+    return image_dataset(attributes, pixels, intent, image_uid(study, view, intent, draw))
 
 
-def image_dataset(filled: Iterable[Mapping[str, Any]], intent: Intent, uid: str) -> Dataset:
-    """One image object of attributes by module, later ones in place of earlier ones.
+def acquired(
+    mammogram: Mammogram,
+    intent: Intent,
+    series: str,
+    study: StudyIdentity,
+    settings: ExportSettings,
+    draw: int = 1,
+) -> dict[str, Any]:
+    """Attributes that every image of an exposure has, whatever its pixels show.
 
     Parameters
     ----------
-    filled : iterable of mapping
+    mammogram : Mammogram
+        The exposure.
+    intent : {"processing", "presentation"}
+    series : str
+        A kind of object, as `identification` takes it.
+    study : StudyIdentity
+    settings : ExportSettings
+    draw : int
+        Number of the noise's draw, from 1.
+    """
+    return {
+        **identification(study, settings, series, mammogram.gantry.view),
+        **modules.image(study, intent, mammogram, draw),
+        **modules.detector(mammogram),
+        **modules.positioning(mammogram),
+        **modules.technique(mammogram),
+    }
+
+
+def image_dataset(
+    attributes: Mapping[str, Any], pixels: NDArray[np.uint16], intent: Intent, uid: str
+) -> Dataset:
+    """Make one image object.
+
+    Parameters
+    ----------
+    attributes : mapping
+        By keyword, all but those of the pixels; those that are None are left out.
+    pixels : ndarray of uint16, [row, column]
     intent : {"processing", "presentation"}
     uid : str
         SOP Instance UID.
@@ -99,7 +129,7 @@ def image_dataset(filled: Iterable[Mapping[str, Any]], intent: Intent, uid: str)
         With its meta header, ready to be saved.
     """
     dataset = Dataset()
-    for module in filled:
-        modules.set_attributes(dataset, module)
-    modules.set_identity(dataset, modules.SOP_CLASS[intent], uid)
+    set_attributes(dataset, attributes)
+    set_attributes(dataset, modules.pixel_data(pixels, modules.BITS_STORED[intent]))
+    set_identity(dataset, modules.SOP_CLASS[intent], uid)
     return dataset

@@ -3,54 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from os import PathLike
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydicom import Dataset
-from pydicom.dataset import FileMetaDataset
 from pydicom.sequence import Sequence
 from pydicom.uid import (
     DigitalMammographyXRayImageStorageForPresentation,
     DigitalMammographyXRayImageStorageForProcessing,
-    ExplicitVRLittleEndian,
 )
 
-from mammosim._version import VERSION
 from mammosim.acquisition import DETECTORS, Mammogram
-from mammosim.export.atomic import whole_file
-from mammosim.export.identity import IMPLEMENTATION_UID, StudyIdentity
+from mammosim.export.dicom_object import code_item, decimal_string
+from mammosim.export.dicom_series import Intent, exposure_uid, image_uid, series_description
+from mammosim.export.identity import StudyIdentity
 from mammosim.export.orientation import (
     VIEW_CODES,
     patient_orientation,
     positioner_angle_deg,
     view_modifiers,
 )
-from mammosim.export.settings import ExportSettings
-from mammosim.geometry import Gantry, View
-
-Intent = Literal["processing", "presentation"]
+from mammosim.geometry import Gantry
 
 SOP_CLASS = {
     "processing": DigitalMammographyXRayImageStorageForProcessing,
     "presentation": DigitalMammographyXRayImageStorageForPresentation,
 }
 """SOP Class of each intent."""
-
-_FIRST_SERIES = {
-    "presentation": 1, "iodine": 61, "processing": 101, "high energy": 161, "state": 201,
-    "segmentation": 301, "measurements": 401,
-    "slices": 11, "synthetic": 51,
-    "projections": 501, "raw projections": 511, "slice segmentation": 521,
-}  # fmt: skip
-
-# Order in which a reader looks at a study: right before left, CC before MLO.
-_READING_ORDER = ("RCC", "LCC", "RMLO", "LMLO", "RML", "LML")
-
-# Views under a name of their own (spot, magnification, repeats) come after the usual ones.
-_TITLED = 20
 
 BITS_STORED = {"processing": 14, "presentation": 12}
 """Bits of a pixel of each intent."""
@@ -78,145 +58,8 @@ TUBE_CURRENT_MA = 100.0
 # the current (25 mA is the usual limit of textbooks).
 SMALL_SPOT_MM, SMALL_SPOT_CURRENT_MA = 0.15, 25.0
 
-_EVENTS = ("Study", "Series", "Acquisition", "Content", "InstanceCreation")
-
 _MGY_PER_DGY = 100.0  # Organ Dose (0040,0316) is in dGy
 _UAS_PER_MAS = 1000.0
-
-
-def set_attributes(dataset: Dataset, attributes: Mapping[str, Any]) -> None:
-    """Set attributes by keyword; those that are None are left out."""
-    for keyword, value in attributes.items():
-        if value is not None:
-            setattr(dataset, keyword, value)
-
-
-def set_identity(dataset: Dataset, sop_class: str, uid: str) -> None:
-    """Set class and UID of an object, and its meta header."""
-    dataset.SOPClassUID, dataset.SOPInstanceUID = sop_class, uid
-    meta = FileMetaDataset()
-    meta.MediaStorageSOPClassUID = sop_class
-    meta.MediaStorageSOPInstanceUID = uid
-    meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    meta.ImplementationClassUID = IMPLEMENTATION_UID
-    meta.ImplementationVersionName = "MAMMOSIM"
-    dataset.file_meta = meta
-
-
-def save_object(dataset: Dataset, path: str | PathLike[str]) -> None:
-    """Write a DICOM object whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
-    with whole_file(path) as part:
-        dataset.save_as(part, enforce_file_format=True)
-
-
-def code_item(value: str, scheme: str, meaning: str) -> Dataset:
-    """One item of a code sequence."""
-    item = Dataset()
-    item.CodeValue, item.CodingSchemeDesignator, item.CodeMeaning = value, scheme, meaning
-    return item
-
-
-def decimal_string(value: float) -> str | None:
-    """A number as Decimal String: six digits, at most 16 characters; None if it is not finite.
-
-    Examples
-    --------
-    >>> decimal_string(1 / 3)
-    '0.333333'
-    """
-    return f"{value:.6g}" if math.isfinite(value) else None
-
-
-def long_string(text: str) -> str:
-    """A text as Long String: one line of 64 bytes, no backslash, which parts values.
-
-    Examples
-    --------
-    >>> long_string("upper\\\\outer  quadrant")
-    'upper/outer quadrant'
-    """
-    line = " ".join(text.replace("\\", "/").split())
-    return line.encode("utf-8")[:64].decode("utf-8", errors="ignore")
-
-
-def series_of(study: StudyIdentity, kind: str, view: View) -> tuple[str, int]:
-    """Series Instance UID and Series Number of one kind of object of one view.
-
-    One series a view and kind, since viewers hang series, not images: all that is for
-    presentation first, in the order in which a reader looks at a study.
-    """
-    number = _FIRST_SERIES[kind] + _READING_ORDER.index(f"{view.laterality}{view.name}")
-    if view.title:
-        number += _TITLED
-    return study.uid("series", kind, view.folder), number
-
-
-def series_description(view: View, suffix: str = "") -> str:
-    """Series Description, which begins with side and view, as `R MLO`.
-
-    Hanging protocols look for these words (OHIF's mammography protocol gives them more weight than
-    the coded view). A view's own name in the run stands behind them.
-    """
-    title = f" {view.title}" if view.title else ""
-    return f"{view.laterality} {view.name}{title}{suffix}"
-
-
-def identification(
-    study: StudyIdentity, settings: ExportSettings, series: str, view: View
-) -> dict[str, Any]:
-    """Patient, study, series and equipment of one object of a run.
-
-    Parameters
-    ----------
-    study : StudyIdentity
-    settings : ExportSettings
-    series : str
-        A kind of object: `processing`, `presentation`, `iodine`, `high energy`, `state`,
-        `segmentation` or `measurements`.
-    view : View
-    """
-    series_uid, series_number = series_of(study, series, view)
-    age = study.age_years(settings.date)
-    return {
-        "SpecificCharacterSet": "ISO_IR 192",
-        "PatientName": study.patient_name,
-        "PatientID": study.patient_id,
-        "PatientBirthDate": study.patient.birth_date or "",
-        "PatientSex": study.patient.sex or "F",
-        "PatientAge": None if age is None else f"{age:03d}Y",
-        "PatientComments": "Simulated; not a patient.",
-        "StudyInstanceUID": study.study_uid,
-        "StudyID": "1",
-        "StudyDescription": long_string(study.study_description),
-        "AccessionNumber": study.patient.accession or "",
-        "ReferringPhysicianName": "",
-        **{f"{event}Date": settings.date for event in _EVENTS},
-        **{f"{event}Time": "000000" for event in _EVENTS},
-        "SeriesInstanceUID": series_uid,
-        "SeriesNumber": series_number,
-        "InstanceNumber": 1,
-        "Manufacturer": "mammosim",
-        "ManufacturerModelName": "mammosim",
-        "DeviceSerialNumber": "simulated",
-        "SoftwareVersions": VERSION,
-        "StationName": "MAMMOSIM",
-    }
-
-
-def image_uid(study: StudyIdentity, view: View, intent: Intent, draw: int = 1) -> str:
-    """SOP Instance UID of one picture of a view."""
-    return study.uid("image", view.folder, intent, *_further(draw))
-
-
-def _further(draw: int) -> tuple[str, ...]:
-    """What tells a further draw of the noise from the first."""
-    return () if draw == 1 else (f"{draw:03d}",)
 
 
 def image(
@@ -249,7 +92,7 @@ def image(
         "DerivationDescription": DERIVATION,
         "ImageComments": "Simulated image.",
         "AcquisitionContextSequence": Sequence(),
-        "IrradiationEventUID": study.uid("exposure", view.folder, *_further(draw)),
+        "IrradiationEventUID": exposure_uid(study, view, draw),
     }
 
 

@@ -8,18 +8,15 @@ from typing import Any
 from pydicom import Dataset
 from pydicom.sequence import Sequence
 
-from mammosim._version import VERSION
 from mammosim.acquisition import Mammogram
 from mammosim.export.dicom_modules import (
     DERIVATION,
     TUBE_CURRENT_MA,
-    code_item,
     detector_type,
-    identification,
     material_term,
-    series_description,
-    set_attributes,
 )
+from mammosim.export.dicom_object import code_item, set_attributes
+from mammosim.export.dicom_series import identification, series_description
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.orientation import VIEW_CODES
 from mammosim.export.settings import ExportSettings
@@ -64,8 +61,6 @@ def series_and_equipment(
         "LossyImageCompression": "00",
         "ContentQualification": "RESEARCH",
         "ImageComments": "Simulated image.",
-        "InstanceNumber": "1",
-        "SoftwareVersions": VERSION,
     }
 
 

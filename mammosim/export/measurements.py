@@ -14,11 +14,8 @@ from pydicom.sr.coding import Code
 from mammosim.acquisition import Mammogram
 from mammosim.export.derived_objects import place_in_study, settle
 from mammosim.export.dicom import mammogram_dataset
-from mammosim.export.dicom_modules import (
-    breast_pixel_mm,
-    long_string,
-    save_object,
-)
+from mammosim.export.dicom_modules import breast_pixel_mm
+from mammosim.export.dicom_object import long_string, save_object
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.segmentation import lesion_codes, segmentation_dataset

@@ -15,7 +15,7 @@ from mammosim._version import VERSION
 from mammosim.acquisition import Mammogram
 from mammosim.export.derived_objects import place_in_study, settle
 from mammosim.export.dicom import mammogram_dataset
-from mammosim.export.dicom_modules import long_string, save_object
+from mammosim.export.dicom_object import long_string, save_object
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.settings import ExportSettings

@@ -14,17 +14,15 @@ from pydicom.uid import (
 )
 
 from mammosim.acquisition import Tomosynthesis
-from mammosim.export.dicom_modules import (
-    BITS_STORED,
-    TUBE_CURRENT_MA,
-    Intent,
+from mammosim.export.dicom_modules import BITS_STORED, TUBE_CURRENT_MA, pixel_format
+from mammosim.export.dicom_object import (
     code_item,
     decimal_string,
-    pixel_format,
     save_object,
     set_attributes,
     set_identity,
 )
+from mammosim.export.dicom_series import Intent
 from mammosim.export.enhanced_modules import (
     SECONDS_PER_PROJECTION,
     exposure_of_all,

@@ -16,7 +16,7 @@ from mammosim._version import VERSION
 from mammosim.acquisition import Mammogram
 from mammosim.export.derived_objects import place_in_study, settle
 from mammosim.export.dicom import mammogram_dataset
-from mammosim.export.dicom_modules import long_string, save_object
+from mammosim.export.dicom_object import long_string, save_object
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.lesion_masks import LesionMask
 from mammosim.export.orientation import patient_orientation
@@ -105,7 +105,7 @@ def lesion_segmentation(
     place: Mapping[str, Any],
     **own: Any,
 ) -> hd.seg.Segmentation:
-    """Make a binary segmentation with a segment a lesion.
+    """Make a binary segmentation with one segment per lesion.
 
     Parameters
     ----------
@@ -113,12 +113,12 @@ def lesion_segmentation(
         The object that it refers to.
     pixels : ndarray of bool, [frame, row, column, segment]
     targets : sequence of Target
-        One a segment.
+        One per segment.
     study : StudyIdentity
     place : mapping
         See `place_in_study`.
     **own
-        What `highdicom.seg.Segmentation` takes besides.
+        Further arguments of `highdicom.seg.Segmentation`.
     """
     return hd.seg.Segmentation(
         source_images=[source],

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.acquisition import Tomosynthesis
-from mammosim.export.dicom_modules import Intent, save_object
+from mammosim.export.dicom_object import save_object
+from mammosim.export.dicom_series import Intent
 from mammosim.export.gantry_file import write_geometry
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.path_lengths import write_path_lengths

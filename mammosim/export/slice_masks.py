@@ -15,7 +15,7 @@ from pydicom.uid import ExplicitVRLittleEndian
 
 from mammosim.compression import CompressedBreast
 from mammosim.export.derived_objects import place_in_study, settle
-from mammosim.export.dicom_modules import save_object
+from mammosim.export.dicom_object import save_object
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.segmentation import lesion_segmentation, set_dimensions
 from mammosim.export.settings import ExportSettings

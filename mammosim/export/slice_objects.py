@@ -10,7 +10,8 @@ from pydicom.uid import BreastTomosynthesisImageStorage
 
 from mammosim._version import VERSION
 from mammosim.acquisition import Tomosynthesis
-from mammosim.export.dicom_modules import pixel_format, set_attributes, set_identity
+from mammosim.export.dicom_modules import pixel_format
+from mammosim.export.dicom_object import set_attributes, set_identity
 from mammosim.export.enhanced_modules import (
     SECONDS_PER_PROJECTION,
     frame_anatomy,

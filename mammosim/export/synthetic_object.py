@@ -13,11 +13,13 @@ from pydicom.uid import BreastProjectionXRayImageStorageForProcessing
 
 from mammosim.acquisition import Mammogram, Tomosynthesis
 from mammosim.export import dicom_modules as modules
-from mammosim.export.dicom import image_dataset
+from mammosim.export.dicom import acquired, image_dataset
+from mammosim.export.dicom_object import decimal_string, save_object
+from mammosim.export.dicom_series import series_description
 from mammosim.export.identity import StudyIdentity
 from mammosim.export.pictures import write_preview
 from mammosim.export.settings import ExportSettings
-from mammosim.reconstruction import METHOD, Reconstruction
+from mammosim.reconstruction import METHOD, Reconstruction, Synthetic, VolumeGrid
 
 SYNTHETIC = "synthetic_2d"
 """Name of its files, without their endings."""
@@ -50,55 +52,45 @@ def write_synthetic(
     InputError
         If a file cannot be written.
     """
-    picture = _as_mammogram(series, volume)
-    if picture is None:
+    if volume.synthetic is None:
         return
-    folder = Path(folder)
+    folder, picture = Path(folder), _as_mammogram(series, volume.grid, volume.synthetic)
     if settings.dicom:
-        dataset = synthetic_dataset(picture, study, settings)
-        modules.save_object(dataset, folder / f"{SYNTHETIC}.dcm")
+        dataset = _synthetic_dataset(picture, study, settings)
+        save_object(dataset, folder / f"{SYNTHETIC}.dcm")
     if settings.png:
         write_preview(picture, folder / f"{SYNTHETIC}.png")
 
 
-def _as_mammogram(series: Tomosynthesis, volume: Reconstruction) -> Mammogram | None:
+def _as_mammogram(series: Tomosynthesis, grid: VolumeGrid, made: Synthetic) -> Mammogram:
     """The picture with the technique, load and dose of all projections together."""
-    if volume.synthetic is None:
-        return None
-    grid, middle, pixels = volume.grid, series.middle, volume.synthetic.pixels
-    above = replace(
-        middle.gantry, pixel_mm=grid.pixel_mm, rows=grid.shape[1], columns=grid.shape[2]
-    )
+    middle, (_, rows, columns) = series.middle, grid.shape
+    above = replace(middle.gantry, pixel_mm=grid.pixel_mm, rows=rows, columns=columns)
     whole = float(1 << modules.BITS_STORED["presentation"])
     return replace(
-        middle, for_presentation=pixels, gantry=above, window_center=0.5 * whole,
+        middle, for_presentation=made.pixels, gantry=above, window_center=0.5 * whole,
         window_width=whole, mas=series.mas, air_kerma_mgy=series.air_kerma_mgy,
         dose_mgy=series.dose_mgy,
     )  # fmt: skip
 
 
-def synthetic_dataset(
+def _synthetic_dataset(
     picture: Mammogram, study: StudyIdentity, settings: ExportSettings
 ) -> Dataset:
-    """The picture as an image object For Presentation, of Image Type GENERATED_2D (PS3.3
-    C.8.11.7)."""
-    view = picture.gantry.view
-    filled = (
-        modules.identification(study, settings, "synthetic", view),
-        modules.image(study, "presentation", picture),
-        modules.detector(picture),
-        {**modules.positioning(picture), **_flat(picture)},
-        modules.technique(picture),
-        modules.presentation(picture, study),
-        _own(picture, study),
-        modules.pixel_data(picture.for_presentation, modules.BITS_STORED["presentation"]),
-    )
-    return image_dataset(filled, "presentation", study.uid("image", view.folder, "synthetic"))
+    """An image object For Presentation, of Image Type GENERATED_2D (PS3.3 C.8.11.7)."""
+    attributes = {
+        **acquired(picture, "presentation", "synthetic", study, settings),
+        **modules.presentation(picture, study),
+        **_flat(picture),
+        **_own(picture, study),
+    }
+    uid = study.uid("image", picture.gantry.view.folder, "synthetic")
+    return image_dataset(attributes, picture.for_presentation, "presentation", uid)
 
 
 def _flat(picture: Mammogram) -> dict[str, Any]:
     """Rows and columns are a volume's, all parallel: nothing is magnified, from no distance."""
-    spacing = modules.decimal_string(picture.gantry.pixel_mm)
+    spacing = decimal_string(picture.gantry.pixel_mm)
     return {
         "DistanceSourceToDetector": None,
         "DistanceSourceToPatient": None,
@@ -116,7 +108,7 @@ def _own(picture: Mammogram, study: StudyIdentity) -> dict[str, Any]:
     source.SpatialLocationsPreserved = "NO"
     return {
         "ImageType": ["DERIVED", "PRIMARY", "", "GENERATED_2D"],
-        "SeriesDescription": modules.series_description(gantry.view, " synthetic 2D"),
+        "SeriesDescription": series_description(gantry.view, " synthetic 2D"),
         "ImageComments": COMMENT,
         "DerivationDescription": f"{modules.DERIVATION} Then slices: {METHOD}.",
         "AcquisitionDeviceProcessingDescription": "Slices, thickness equalization, tone curve",

@@ -87,6 +87,7 @@ def write_compressed(
         write_lattice(squeezed.field, folder / "lattice.nii.gz")
     if labels is None or labels_frame is None:
         return
+    table, rotation = table_of_compressed(squeezed), squeezed.view.patient_rotation
     files = []
     formats = [*(["nii.gz"] if settings.volumes else []), *settings.compressed_formats]
     for ending in dict.fromkeys(formats):
@@ -94,14 +95,12 @@ def write_compressed(
             write_victre(squeezed, labels, labels_frame, folder / "victre", seed)
         else:
             path = folder / f"compressed.{ending}"
-            write_labels(labels, labels_frame, squeezed.view.patient_rotation, path)
+            write_labels(labels, labels_frame, rotation, path)
             files.append(path.name)
-    table = table_of_compressed(squeezed)
     if files:
         write_label_files(table, tuple(files), folder)
     if settings.volumes and settings.viewers:
-        turn = squeezed.view.patient_rotation
-        write_viewer_files(table, labels, labels_frame, turn, folder, "compressed")
+        write_viewer_files(table, labels, labels_frame, rotation, folder, "compressed")
 
 
 def write_images(

@@ -1,4 +1,4 @@
-"""Files by which viewers show a run with names and colours: 3D Slicer and ITK-SNAP.
+"""Files that give viewers names and colours: 3D Slicer and ITK-SNAP.
 
 Formats: Slicer's segmentation file (https://slicer.readthedocs.io, developer guide, Segmentations:
 NRRD with fields `Segmentation_...` and `SegmentN_...`), its markups (schema v1.0.3 of the module
@@ -32,7 +32,7 @@ _MARKUPS_SCHEMA = (
 )
 
 _SEEN_THROUGH = ("adipose", "skin", "muscle")
-"""Tissues around all others; ITK-SNAP leaves them out of its 3-D picture."""
+"""Tissues around all others; hidden in the 3-D view of ITK-SNAP."""
 
 
 def write_viewer_files(
@@ -135,7 +135,7 @@ def write_markups(
         Of one view.
     view : View
     compressed : bool
-        Whether to write where compression brought them, or where they were.
+        Whether to write positions after compression, or before.
     path : path
         Ends in ``.mrk.json``.
 

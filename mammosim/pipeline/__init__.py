@@ -33,7 +33,7 @@ from mammosim.pipeline.folder import (
 )
 from mammosim.pipeline.locate import LocatedInRun, SavedView, locate_in_run, read_views
 from mammosim.pipeline.run import Observe, simulate, simulate_series, simulate_view
-from mammosim.pipeline.run_progress import RunProgress, stage_in_words
+from mammosim.pipeline.run_progress import RunProgress, expected_end, stage_in_words
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 
 __all__ = [
@@ -57,6 +57,7 @@ __all__ = [
     "check_memory_limit",
     "check_settings",
     "config_of",
+    "expected_end",
     "is_being_written",
     "is_cohort",
     "is_finished",

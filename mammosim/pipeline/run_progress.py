@@ -14,7 +14,6 @@ MAX_STAGE_SHARE = 0.95
 MIN_KNOWN_SHARE = 0.05
 """Part of a run from which its own pace is trusted, rather than the plan's."""
 
-
 _STAGES = {
     "phantom": "making the breast",
     "compression": "compressing",
@@ -114,6 +113,17 @@ class RunProgress:
         >>> progress.sentence(datetime(2024, 5, 1, 12, 0))
         '50 %, ends about 12:01'
         """
-        share, end = self.share, now + timedelta(seconds=self.seconds_left)
-        day = "" if end.date() == now.date() else f"{end:%Y-%m-%d} "
-        return f"{100.0 * share:.0f} %, ends about {day}{end:%H:%M}"
+        return f"{100.0 * self.share:.0f} %, {expected_end(now, self.seconds_left)}"
+
+
+def expected_end(now: datetime, seconds_left: float) -> str:
+    """When something ends, in words, with the day if it is another one.
+
+    Examples
+    --------
+    >>> expected_end(datetime(2024, 5, 1, 23, 0), 7200.0)
+    'ends about 2024-05-02 01:00'
+    """
+    end = now + timedelta(seconds=seconds_left)
+    day = "" if end.date() == now.date() else f"{end:%Y-%m-%d} "
+    return f"ends about {day}{end:%H:%M}"

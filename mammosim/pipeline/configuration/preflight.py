@@ -132,7 +132,7 @@ def check_compression(config: RunConfig, breast: BreastPhantom, slack_mm: float 
 
 
 def _unnamed_view(config: RunConfig, breast: BreastPhantom) -> list[str]:
-    """What is wrong where plates hold the breast, but not said is for which view."""
+    """Problems of a breast between plates whose view is not given."""
     if breast.compressed is None or breast.compressed.view is not None:
         return []
     names = {view.view for view in config.views}

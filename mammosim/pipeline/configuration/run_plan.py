@@ -8,6 +8,7 @@ from mammosim.acquisition import magnified_doubts
 from mammosim.compression import MODELS, CompressionSettings
 from mammosim.errors import InputError
 from mammosim.phantom import PhantomSettings, address_bytes, expected_voxels
+from mammosim.pipeline.configuration.resolved_view import ResolvedView
 from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.plausibility import doubts
 from mammosim.reconstruction import reconstruction_gb, reconstruction_seconds
@@ -122,7 +123,7 @@ def make_plan(config: RunConfig) -> Plan:
     memory = BASE_BYTES + COMPILER_BYTES + sum(side.voxels * BYTES_A_VOXEL for side in sides)
     memory += max(side.view_bytes for side in sides) * sum(side.views for side in sides)
     memory += max(side.mask_bytes for side in sides)
-    stages = [stage for side in sides for stage in side.phantom_stages]
+    stages = [side.phantom_stage for side in sides]
     stages += [stage for side in sides for stage in side.view_stages]
     stages += [stage for side in sides for stage in side.sample_stages]
     warnings = dict.fromkeys(text for one in config.sides for text in _warnings(one))
@@ -139,7 +140,7 @@ class _SidePlan:
     views: int
     view_bytes: float
     mask_bytes: float
-    phantom_stages: tuple[PlannedStage, ...]
+    phantom_stage: PlannedStage
     view_stages: tuple[PlannedStage, ...]
     sample_stages: tuple[PlannedStage, ...]
 
@@ -173,44 +174,51 @@ def _plan_side(config: RunConfig, named: str) -> _SidePlan:
             ]
         height, width = projection.detector_mm or (240.0, 180.0)
         pixels = height * width / projection.pixel_mm**2
-        count = sweep.projections if sweep else 1
-        seconds = pixels * SECONDS_A_PIXEL * count
-        stack = pixels * count * BYTES_A_PROJECTED_PIXEL if sweep else 0.0
-        if view.acquisition.contrast is not None:
-            seconds += pixels * SECONDS_A_PIXEL
-            stack += pixels * BYTES_A_CONTRAST_PIXEL
-        draws = view.acquisition.realisations or 1
-        seconds += pixels * SECONDS_A_DRAWN_PIXEL * (draws - 1)
-        drawn = pixels * BYTES_A_DRAWN_PIXEL if draws > 1 else 0.0
-        if view.dose_map and view.acquisition.scatter_model == "monte-carlo":
-            stack += voxels * voxel_volume_mm3 * BYTES_PER_MAPPED_MM3
+        stack, drawn = _picture_bytes(view, pixels, voxels * voxel_volume_mm3)
         largest = max(largest, lattice_bytes + pixels * BYTES_A_PIXEL + stack + drawn)
         masks = max(masks, pixels * lesions * BYTES_A_LESION_PIXEL)
-        name = named + view.label
-        stages += _picture_stages(view.label, seconds, sweep is not None)
-        line = _view_line(name, compression, projection.pixel_mm, nodes, pixels)
+        stages += _picture_stages(view, pixels)
+        line = _view_line(named + view.label, compression, projection.pixel_mm, nodes, pixels)
         if sweep and sweep.reconstruct is not None:
             thickness_mm = compression.thickness_mm or USUAL_MM
             used, voxels_made = view.reconstructed(SHADOW_SHARE * height * width, thickness_mm)
             slices_gb = reconstruction_gb(used, voxels_made, sweep.reconstruct.method)
             largest = max(largest, 1e9 * slices_gb + stack)
-            seconds = reconstruction_seconds(count, voxels_made, sweep.reconstruct)
+            seconds = reconstruction_seconds(sweep.projections, voxels_made, sweep.reconstruct)
             stages.append(PlannedStage(view.label, "reconstruction", seconds))
         if sweep:
-            line += f", from {count} tube positions over {sweep.angle_range_deg:g} degrees"
+            line += (
+                f", from {sweep.projections} tube positions over {sweep.angle_range_deg:g} degrees"
+            )
         lines.append(line)
     return _SidePlan(
-        tuple(lines), voxels, len(config.resolved_views), largest, masks, (made,), tuple(stages),
+        tuple(lines), voxels, len(config.resolved_views), largest, masks, made, tuple(stages),
         tuple(sorted(sampled, key=lambda stage: stage.stage)),  # biopsies before uncertainty
     )  # fmt: skip
 
 
-def _picture_stages(label: str, seconds: float, is_series: bool) -> list[PlannedStage]:
+def _picture_bytes(view: ResolvedView, pixels: float, breast_mm3: float) -> tuple[float, float]:
+    """Bytes of a view's projections, contrast and dose map, and those of its noise realisations."""
+    acquisition, sweep = view.acquisition, view.tomosynthesis
+    stack = pixels * sweep.projections * BYTES_A_PROJECTED_PIXEL if sweep else 0.0
+    if acquisition.contrast is not None:
+        stack += pixels * BYTES_A_CONTRAST_PIXEL
+    if view.dose_map and acquisition.scatter_model == "monte-carlo":
+        stack += breast_mm3 * BYTES_PER_MAPPED_MM3
+    return stack, pixels * BYTES_A_DRAWN_PIXEL if (acquisition.realisations or 1) > 1 else 0.0
+
+
+def _picture_stages(view: ResolvedView, pixels: float) -> list[PlannedStage]:
     """Projection and acquisition of a view."""
-    if is_series:
-        return [PlannedStage(label, "projections", seconds)]
+    acquisition, sweep = view.acquisition, view.tomosynthesis
+    seconds = pixels * SECONDS_A_PIXEL * (sweep.projections if sweep else 1)
+    if acquisition.contrast is not None:
+        seconds += pixels * SECONDS_A_PIXEL
+    seconds += pixels * SECONDS_A_DRAWN_PIXEL * ((acquisition.realisations or 1) - 1)
+    if sweep:
+        return [PlannedStage(view.label, "projections", seconds)]
     shares = {"projection": PROJECTION_SHARE, "acquisition": 1.0 - PROJECTION_SHARE}
-    return [PlannedStage(label, stage, share * seconds) for stage, share in shares.items()]
+    return [PlannedStage(view.label, stage, share * seconds) for stage, share in shares.items()]
 
 
 def _warnings(config: RunConfig) -> list[str]:
@@ -228,10 +236,11 @@ def _warnings(config: RunConfig) -> list[str]:
             given["unknown_dose_angle_deg"] = max(abs(angle) for angle in sweep.angles_deg)
         known = {name: value for name, value in given.items() if value is not None}
         texts = [str(doubt) for doubt in doubts(known)]
-        if view.tomosynthesis is None:  # whose tube turns about a breast on the detector
-            settings = view.acquisition
+        if sweep is None:  # whose tube turns about a breast on the detector
             texts += magnified_doubts(
-                view.projection.magnification, settings.focal_spot_mm, settings.grid
+                view.projection.magnification,
+                view.acquisition.focal_spot_mm,
+                view.acquisition.grid,
             )
         if view.acquisition.contrast is not None and not MODELS[compression.model].keeps_volume:
             texts.append(UNEVEN_IODINE)

@@ -36,7 +36,8 @@ def refuse_links(folder: Path) -> None:
     for parent, folders, files in os.walk(folder, followlinks=False):
         for name in sorted([*folders, *files]):
             path = Path(parent, name)
-            if path.is_symlink() and (name in folders or _is_folders_name(path, folder)):
+            own = path.parent == folder and (name == STAGES_FOLDER or VIEW_FOLDER.fullmatch(name))
+            if path.is_symlink() and (name in folders or own):
                 raise InputError(
                     f"{path}: is a link to {os.readlink(path)}; a run does not write through links "
                     "in its folder; remove it, or choose another output folder"
@@ -61,14 +62,8 @@ def refuse_inputs_within(folder: Path, config: RunConfig) -> None:
             )
 
 
-def _is_folders_name(path: Path, folder: Path) -> bool:
-    """Whether a run makes a folder of this name."""
-    own = path.name == STAGES_FOLDER or VIEW_FOLDER.fullmatch(path.name) is not None
-    return own and path.parent == folder
-
-
 def refuse_strangers(folder: Path, config: RunConfig) -> None:
-    """Refuse a folder with files of a run's names that no run wrote, or where it makes folders.
+    """Refuse a folder with a run's file names that no run wrote, or files named as its folders.
 
     Other files may lie there; they are left alone.
 
@@ -86,7 +81,7 @@ def refuse_strangers(folder: Path, config: RunConfig) -> None:
     if not folder.is_dir():
         return
     for path in sorted(folder.iterdir()):
-        if not path.is_dir() and (_is_folders_name(path, folder) or _is_views(path.name, config)):
+        if not path.is_dir() and (path.name == STAGES_FOLDER or _is_views(path.name, config)):
             raise InputError(
                 f"{path}: is a file where this run makes a folder; move it away, or choose another "
                 "output folder"
