@@ -62,19 +62,20 @@ def with_nipple(attenuation, inside):
     return np.where(nipple, np.maximum(np.float32(0.8), attenuation), attenuation), nipple
 
 
-def test_a_nipple_is_about_as_grey_as_fat():
+def test_a_nipple_is_brighter_than_fat_and_joins_the_breast():
     attenuation, inside, _ = compressed_breast()
     changed, nipple = with_nipple(attenuation, inside)
     pixels = present(changed, PIXEL_MM).pixels
     row = SHAPE[0] // 2
     free = nipple & (distance_transform_edt(nipple & ~inside) * PIXEL_MM > 3.0)
-    assert pixels[free].min() > 0.03 * MAXIMUM
-    assert pixels[free].max() < 0.20 * MAXIMUM
-    # along the axis, out of the breast: no gap, though the step at the base stays
+    # soft tissue: between fat, 0.13, and gland, 0.64
+    assert pixels[free].min() > 0.25 * MAXIMUM
+    assert pixels[free].max() < 0.64 * MAXIMUM
+    # along the axis, out of the breast: no dark gap
     middle = distance_transform_edt(nipple | inside)[row] * PIXEL_MM > 3.0
     shown = pixels[row, middle & (np.arange(SHAPE[1]) > 200)]
-    assert shown.min() > 0.05 * MAXIMUM
-    assert shown.max() < 0.45 * MAXIMUM
+    assert shown.min() > 0.10 * MAXIMUM
+    assert shown.max() < 0.70 * MAXIMUM
     bare = present(attenuation, PIXEL_MM).pixels.astype(int)
     # the margin's profile is averaged along the edge, with a Gaussian of 12 mm
     far = np.hypot(*(np.indices(SHAPE) - [[[row]], [[250]]])) * PIXEL_MM > 40.0

@@ -40,7 +40,7 @@ def test_gland_is_where_the_potential_exceeds_the_threshold():
     anatomy = generate._anatomy(settings, 5)
     lattice = generate._lattice(anatomy, settings.voxel_mm)
     texture = generate._texture(anatomy, 5)
-    paint = generate._paint(anatomy)._replace(threshold=0.7)
+    paint = generate._paint(anatomy)._replace(threshold=0.5)
     size = (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size)
     labels = np.zeros(size, np.uint8)
     half = lattice.x_start.size // 2
@@ -57,7 +57,7 @@ def test_gland_is_where_the_potential_exceeds_the_threshold():
     for index in rng.permutation(np.argwhere(soft)):
         at = index + np.array([first, 0, 0])
         point = np.array([axis[n] for axis, n in zip(lattice[:3], at, strict=True)])
-        above = naive.gland_potential(texture, lattice.coarse_origin_mm, 2.0, point) - 0.7
+        above = naive.gland_potential(texture, lattice.coarse_origin_mm, 2.0, point) - 0.5
         grain = naive.grain(texture, lattice.coarse_origin_mm, 2.0, point)
         wanted = min(above, texture.gland_cap) + grain
         if abs(wanted) > 1e-6:
@@ -205,7 +205,7 @@ def test_tubes_agree_with_their_twin():
 
 def test_the_nipple_is_a_blunt_tilted_cone():
     """Foot at 50 mm, 7 mm high, 5 mm wide at the foot, half of it at the tip, leaning laterally."""
-    nipple = np.array([50.0, 7.0, 5.0, 0.5, 0.2, 0.0, 4.0, 0.0, 0.0])
+    nipple = np.array([50.0, 7.0, 5.0, 0.5, 0.2, 0.0, 4.0, 0.0, 0.0, 4.0])
 
     def inside(x, y, z):
         return _surface_kernels.in_nipple(x, y, z, 50.0 - x, 1.5, nipple)
@@ -217,3 +217,15 @@ def test_the_nipple_is_a_blunt_tilted_cone():
     assert inside(49.0, 4.9, 0.0)
     assert not inside(49.0, 5.1, 0.0)
     assert not inside(48.0, 0.0, 0.0)  # behind the skin
+    # there its root narrows to nothing over 4 mm, unevenly
+    edge = np.array([_surface_kernels.in_root(48.0, r, 0.0, 0.1, nipple) for r in (4.8, 5.2)])
+    np.testing.assert_array_equal(edge, [True, False])
+    wide = [
+        sum(
+            _surface_kernels.in_root(48.5 - below, r, 0.0, below, nipple)
+            for r in np.arange(0, 9, 0.1)
+        )
+        for below in (0.1, 2.0, 3.9, 4.1)
+    ]
+    assert wide[0] > wide[1] > wide[2]
+    assert wide[3] == 0

@@ -22,6 +22,10 @@ AIR_BELOW_FAT, AIR_FADE = 0.4, 0.1
 # Details keep at least this part of their contrast where the base lies on the toe or shoulder.
 MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.7, 0.4
 
+# On the shoulder, details (ln) well below the limit keep this part of their contrast: fibres and
+# grain of muscle. Those well above do not, or the muscle's edge would get a halo.
+FINE_SHOULDER_SLOPE, FINE_LIMIT = 0.9, 0.035
+
 # Slope of the toe below which details are not raised any further.
 FLATTEST_TOE = 0.05
 
@@ -281,11 +285,11 @@ def present_kernel(
             y, x = (row + 0.5) / cell - 0.5, (column + 0.5) / cell - 0.5
             place = _interpolated(rise, y, x)
             part = _edge_part(place)
-            level = attenuation[row, column] + part * _interpolated(missing, y, x)
-            smooth = _interpolated(base, y, x)
-            if smooth <= curve.fat and level < smooth - 2.0 * curve.contrast:
-                out_pixels[row, column] = 0  # air: less than half of a grey level
+            if part == 0.0:
+                out_pixels[row, column] = 0  # air
                 continue
+            level = attenuation[row, column] + _interpolated(missing, y, x)
+            smooth = _interpolated(base, y, x)
             straight = curve.fat_grey + slope * (smooth - curve.fat)
             shown = _bent(straight, curve.toe, curve.shoulder, curve.white)
             detail = level - smooth
@@ -300,8 +304,11 @@ def present_kernel(
             kept = max(MIN_TOE_SLOPE / on_toe, 1.0) - 1.0
             raised = straight + slope * (detail + more + kept * curve.gain * weak)
             shown += on_shoulder * (_on_toe(raised, curve.toe) - _on_toe(straight, curve.toe))
+            fine = _edge_part(0.5 * place) * detail * exp(-((detail / FINE_LIMIT) ** 2))
+            lost = max(FINE_SHOULDER_SLOPE - on_shoulder, 0.0)
+            shown += lost * slope * curve.gain * fine
             shown = _bent(max(shown, 0.0), 0.0, FINAL_SHOULDER, 1.0)
             below = raised - curve.fat_grey + AIR_BELOW_FAT
             if below < 0.0:
                 shown *= exp(below / AIR_FADE)
-            out_pixels[row, column] = int(shown * maximum + 0.5)
+            out_pixels[row, column] = int(part * shown * maximum + 0.5)

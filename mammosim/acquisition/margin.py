@@ -20,33 +20,27 @@ AIR_LEVEL = 0.04
 CONTOUR_SIGMA_MM = 1.5
 """Depths are smoothed by this much, because the edge of the mask is a staircase."""
 
-OUTLINE_RADIUS_MM = 10.0
+OUTLINE_RADIUS_MM = 20.0
 """What no disc of this radius reaches protrudes from the outline: a nipple in profile."""
 
-MIN_NIPPLE_MM = 2.0
+MIN_NIPPLE_MM = 1.0
 """A nipple protrudes by at least this much."""
 
 BEYOND_MM = 2.0
 """Farther from the breast nothing is added: other objects in the field are not equalized."""
 
-NIPPLE_SIGMA_MM = 2.0
-"""A nipple is equalized by its own attenuation on this scale: its shape stays visible."""
+NIPPLE_SIGMA_MM = 1.5
+"""A nipple's thickness is taken from its own attenuation on this scale."""
 
-NIPPLE_CLEFT_MM = 0.5
-"""Nor by more than its attenuation on this scale, which reaches the cleft at its base."""
-
-NIPPLE_ZONE_MM = (0.0, 7.0)
-"""Up to the first distance from what protrudes this is done in full, at the second not at all."""
-
-NIPPLE_ABOVE_FAT = 0.0
-"""A nipple is shown by this much (ln) brighter than fat. On clinical images with a nipple in
-profile it is a faint dome, brightest where it joins the skin line."""
+NIPPLE_REACH_MM = (0.0, 12.0)
+"""Into the breast this thickness counts in full up to the first distance from what protrudes, at
+the second not at all; there the breast's own is greater anyway."""
 
 NIPPLE_CONTOUR_MM = 0.7
 """As `CONTOUR_SIGMA_MM` for a nipple, which is smaller."""
 
-NIPPLE_RISE = 0.6
-"""How fast a nipple rises from black, against the skin line: its edge is rounder."""
+NIPPLE_CLEAR_MM = 1.0
+"""Up to this distance from what protrudes, thin places are left alone: the groove at its base."""
 
 WIDE_CELL_MM = 2.0
 """Grid of the filters along the margin, which are far wider."""
@@ -61,7 +55,7 @@ Nearer the edge, skin seen along its surface attenuates more than what lies belo
 EDGE_MM = 0.5
 """Depth of the true edge: smoothing puts the mask's about a cell farther out."""
 
-EDGE_RISE_MM = 1.2
+EDGE_RISE_MM = 0.7
 """Over this depth the equalization sets in. A scanner's follows the smoothed image and misses the
 outermost millimetre, so that the skin line rises from black over about that, as it does on
 clinical images (0.55 to 1.65 mm)."""
@@ -100,6 +94,11 @@ PLATEAU_QUANTILE = 0.05
 
 MAX_GLAND = 1.0
 """The darkest of what is that deep holds no more gland than this (ln): 4 cm."""
+
+EDGE_GAIN, EDGE_GAIN_MM = 0.9, (1.5, 4.5)
+"""By how much skin and nipple are raised towards the level of gland, and the depths up to which
+this is done in full and beyond which not at all. On clinical images both are about as bright as
+gland: their filters bring out what stands against the black of air. Set by eye."""
 
 THIN_DEPTH_MM, THIN_SIGMA_MM, THIN_PART = 1.0, 1.5, 0.9
 """Thin places are looked for deeper than the first, on the scale of the second, and this part of
@@ -189,13 +188,36 @@ def missing_attenuation(
     expected = _at_depth(np.minimum(rings, plateau), margin.depth_mm - EDGE_MM, plateau)
     sigma = PROFILE_SIGMA_MM / margin.cell_mm
     expected = ndimage.gaussian_filter(np.maximum(expected, 0.0), sigma, mode="nearest")
-    missing = np.maximum(plateau - expected, 0.0)
     rise = (margin.depth_mm - EDGE_MM) / EDGE_RISE_MM
     if not margin.body[margin.breast].all():
-        missing, rise = _with_nipple(missing, rise, coarse, margin, plateau)
+        expected, rise = _with_nipple(expected, rise, coarse, margin)
+    missing = np.maximum(plateau - expected, 0.0)
     missing += _thin_places(coarse + missing, margin, plateau)
     missing[distance_to(margin.breast) * margin.cell_mm > BEYOND_MM] = 0.0
     return missing, rise, plateau
+
+
+def raised_edge(equalized: F64, margin: Margin, fat: float, contrast: float) -> F64:
+    """What is added to skin and nipple, which are soft tissue before the black of air.
+
+    Parameters
+    ----------
+    equalized : ndarray of float64, [row, column]
+        Attenuation (ln) with what the margin lacks.
+    margin : Margin
+    fat, contrast : float
+        Attenuation (ln) of fat, and of gland above it.
+
+    Returns
+    -------
+    ndarray of float64, [row, column]
+        Nothing for fat and for what reaches the level of gland; most halfway between, so that
+        more attenuation stays brighter.
+    """
+    near, far = EDGE_GAIN_MM
+    part = np.clip((equalized - fat) / contrast, 0.0, 1.0)
+    share = smooth_step((far - margin.depth_mm) / (far - near))
+    return EDGE_GAIN * contrast * share * part * (1.0 - part)
 
 
 def smooth_step(place: F64) -> F64:
@@ -350,32 +372,27 @@ def _ellipse(part: F64) -> F64:
     return height
 
 
-def _with_nipple(
-    missing: F64, rise: F64, coarse: F64, margin: Margin, plateau: float
-) -> tuple[F64, F64]:
-    """The same, where a nipple in profile lacks all but what it has on average."""
+def _with_nipple(expected: F64, rise: F64, coarse: F64, margin: Margin) -> tuple[F64, F64]:
+    """The same with a nipple in profile, which is soft tissue and no fat.
+
+    A ray meets the breast, the nipple, or both one behind the other in the same plane: what it
+    crosses is as thick as the thicker of the two.
+    """
     cell_mm = margin.cell_mm
-    from_nipple_mm = distance_to(margin.breast & ~margin.body) * cell_mm
-    near, far = NIPPLE_ZONE_MM
-    zone = smooth_step((far - from_nipple_mm) / (far - near))
-    sigma = NIPPLE_SIGMA_MM / cell_mm
-    # each from its own side, or the step between them would open a dark gap
-    parts = (
-        _local_mean(coarse, part, sigma) for part in (margin.body, margin.breast & ~margin.body)
-    )
-    near_by = _local_mean(coarse, margin.breast, NIPPLE_CLEFT_MM / cell_mm)
-    own = np.minimum(np.where(margin.body, *parts), near_by)
-    own_missing = np.maximum(plateau + NIPPLE_ABOVE_FAT - own, 0.0)
+    nipple = margin.breast & ~margin.body
+    own = _local_mean(coarse, nipple, NIPPLE_SIGMA_MM / cell_mm) / (1.0 + SKIN_ABOVE_FAT)
+    near, far = NIPPLE_REACH_MM
+    own *= smooth_step((far - distance_to(nipple) * cell_mm) / (far - near))
     outline_mm = _signed_depth(margin.breast, NIPPLE_CONTOUR_MM / cell_mm) * cell_mm
-    own_rise = NIPPLE_RISE * (outline_mm - EDGE_MM) / EDGE_RISE_MM
-    rise = np.maximum(rise, 0.0) + zone * np.maximum(own_rise, 0.0)
-    return missing + zone * (own_missing - missing), rise
+    close = smooth_step(2.0 - distance_to(nipple) * cell_mm / NIPPLE_SIGMA_MM)
+    own_rise = close * (outline_mm - EDGE_MM) / EDGE_RISE_MM
+    return np.maximum(expected, own), np.maximum(rise, own_rise)
 
 
 def _thin_places(level: F64, margin: Margin, plateau: float) -> F64:
     """What is missing yet where the sum attenuates less than fat; nothing in and near a nipple."""
     inside = distance_to(~margin.breast) * margin.cell_mm > THIN_DEPTH_MM
-    inside &= distance_to(margin.breast & ~margin.body) * margin.cell_mm > NIPPLE_ZONE_MM[0]
+    inside &= distance_to(margin.breast & ~margin.body) * margin.cell_mm > NIPPLE_CLEAR_MM
     sigma = THIN_SIGMA_MM / margin.cell_mm
     lacking = np.maximum(plateau - _local_mean(level, inside, sigma), 0.0)
     return THIN_PART * np.minimum(2.0 * _nearness(inside, sigma), 1.0) * lacking

@@ -11,7 +11,7 @@ from scipy import ndimage
 from mammosim.acquisition._kernels import ToneCurve, present_kernel
 from mammosim.acquisition.blocks import block_mean, cell_pixels
 from mammosim.acquisition.looks import LOOKS, SHARP_LIMIT, SHARP_MM, Look
-from mammosim.acquisition.margin import Margin, find_margin, missing_attenuation, smooth_step
+from mammosim.acquisition.margin import Margin, find_margin, missing_attenuation, raised_edge
 from mammosim.acquisition.muscle import muscle_of
 
 CELL_MM = 0.5
@@ -124,8 +124,10 @@ def present(
     pixels = np.zeros(attenuation.shape, np.uint16)
     if margin is not None:
         missing, rise, plateau = missing_attenuation(coarse, margin, fat)
-        equalized = coarse + smooth_step(rise) * missing
+        equalized = coarse + missing
         low, contrast = _levels(equalized, margin, plateau, _resampled(reading, coarse.shape))
+        raised = raised_edge(equalized, margin, low, contrast)
+        missing, equalized = missing + raised, equalized + raised
         radius = max(1, round(BASE_RADIUS_MM / margin.cell_mm))
         base = _base(np.maximum(equalized, low - FLOOR_CONTRAST * contrast), radius)
         fat_place = TOE * (1.0 + np.log(FAT_GREY / TOE))  # what the toe shows as fat's grey

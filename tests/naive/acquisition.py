@@ -109,9 +109,7 @@ def bent(value, toe, shoulder, white):
 def grey(attenuation, missing, rise, base, curve):
     """Grey (0 to 1) of one pixel, coarse images given where it is."""
     part, inner = (3.0 * t**2 - 2.0 * t**3 for t in np.clip([rise, 0.5 * rise], 0.0, 1.0))
-    level = attenuation + missing * part
-    if base <= curve.fat and level < base - 2.0 * curve.contrast:
-        return 0.0  # air
+    level = attenuation + missing
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
 
     def with_toe(value):
@@ -126,11 +124,13 @@ def grey(attenuation, missing, rise, base, curve):
     raised = straight + slope * (
         detail + (curve.gain - 1.0) * weak + curve.gain * max(0.7 / toe_slope - 1.0, 0.0) * weak
     )
-    # the derivative of the shoulder, no less than 0.4
+    # the derivative of the shoulder, no less than 0.4, but 0.9 for the finest detail
     shoulder_slope = np.clip((curve.white - below) / (curve.white - curve.shoulder), 0.4, 1.0)
     shown = below + shoulder_slope * (with_toe(raised) - with_toe(straight))
+    fine = inner * detail * np.exp(-((detail / 0.035) ** 2))
+    shown += max(0.9 - shoulder_slope, 0.0) * slope * curve.gain * fine
     shown = bent(max(shown, 0.0), 0.0, 0.85, 1.0)
-    return shown * min(1.0, np.exp((raised - (curve.fat_grey - 0.4)) / 0.1))
+    return part * shown * min(1.0, np.exp((raised - (curve.fat_grey - 0.4)) / 0.1))
 
 
 def boone_ratio(diameter_cm, thickness_cm):

@@ -9,9 +9,12 @@ from mammosim._jit import kernel, merged_kernel
 from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, Paint
 from mammosim.phantom.anatomy._noise_kernels import gradient_noise
 
-FLARE_MM, FLARE_HEIGHT_MM = 2.5, 1.2
+FLARE_MM, FLARE_HEIGHT_MM = 2.0, 1.0
 """How much wider a nipple is at its foot, where it goes over into the areola, and over what height
 that is lost, mm. Chosen by eye."""
+
+FRAY = 0.35
+"""How unevenly the nipple's root ends, in its radii. Chosen by eye."""
 
 
 @merged_kernel
@@ -58,8 +61,8 @@ def in_nipple(
     """Whether a point lies in the nipple: an irregular, blunt and tilted cone on the areola.
 
     `nipple` is foot x, height, radius at the foot, part of the radius lost at the tip, tilt
-    (lateral and superior, mm a mm of height), exponent of the dome, amplitude of lumps (mm) and
-    their place in the noise. It goes as deep as the skin.
+    (lateral and superior, mm a mm of height), exponent of the dome, amplitude of lumps (mm), their
+    place in the noise, and depth of the root (mm). It goes as deep as the skin; below is its root.
     """
     s, height = x - nipple[0], max(nipple[1], 0.2)
     rise = min(max(s, 0.0), height)
@@ -75,6 +78,19 @@ def in_nipple(
         -max(s, 0.0) / FLARE_HEIGHT_MM
     )
     return wide > 0.0 and across * across + up * up < wide * wide
+
+
+@kernel
+def in_root(x: float, y: float, z: float, below: float, nipple: NDArray[np.float64]) -> bool:
+    """Whether a point below the skin lies in the nipple's root, which frays as it narrows."""
+    root = nipple[9]
+    squared = y * y + z * z
+    if below >= root or squared > 4.0 * nipple[2] * nipple[2]:
+        return False
+    part = below / root
+    frayed = FRAY * gradient_noise(x / 5.0, y / 2.5, z / 2.5 + nipple[8], 18)
+    wide = nipple[2] * (np.sqrt(1.0 - part) + part * frayed)
+    return wide > 0.0 and squared < wide * wide
 
 
 @merged_kernel

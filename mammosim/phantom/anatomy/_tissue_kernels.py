@@ -40,7 +40,7 @@ from mammosim.phantom.anatomy._grain_kernels import grain_at
 from mammosim.phantom.anatomy._net_kernels import wall_fill
 from mammosim.phantom.anatomy._noise_kernels import lattice_hash
 from mammosim.phantom.anatomy._parenchyma_kernels import MUSCLE_FAT, decide_gland, gather_walls
-from mammosim.phantom.anatomy._surface_kernels import dither, in_nipple
+from mammosim.phantom.anatomy._surface_kernels import dither, in_nipple, in_root
 
 
 @parallel_kernel
@@ -91,7 +91,11 @@ def _paint_block(
             for c in range(2):
                 deepest = max(deepest, fields[at[0] + a, at[1] + b, at[2] + c, SKIN_DEPTH])
     reach = paint.nipple[2] + 2.0 * abs(paint.nipple[1]) + 3.0
-    nipple = x + h > paint.nipple[0] - 5.0 and abs(y + 0.5 * h) < reach and abs(z + 0.5 * h) < reach
+    nipple = (
+        x + h > paint.nipple[0] - 5.0 - paint.nipple[9]
+        and abs(y + 0.5 * h) < reach
+        and abs(z + 0.5 * h) < reach
+    )
     nearest = min(y * paint.cut[0], (y + h) * paint.cut[0])
     nearest += min(z * paint.cut[1], (z + h) * paint.cut[1])
     if (deepest < -voxel and not nipple) or nearest > paint.cut[2]:
@@ -190,6 +194,11 @@ def _fill_block(
                                 labels[i, j, k] = name[NIPPLE]
                         else:
                             labels[i, j, k] = name[SKIN] if depth >= 0.0 else 0
+                        continue
+                    if in_root(x, y, z, depth - thick, numbers):
+                        here = labels[i, j, k]
+                        if here == 0 or fill_of(here, name) > 0.0:
+                            labels[i, j, k] = name[NIPPLE]
                         continue
                 in_muscle = (
                     muscle and depth > cover and low[MUSCLE_DEPTH] + w * step[MUSCLE_DEPTH] > 0.0

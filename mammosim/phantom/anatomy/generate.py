@@ -42,7 +42,7 @@ from mammosim.phantom.anatomy.muscle import (
     fit_volume,
     muscle_depth,
 )
-from mammosim.phantom.anatomy.nipple import Nipple, draw_nipple, varied
+from mammosim.phantom.anatomy.nipple import Areola, Nipple, draw_areola, draw_nipple, varied
 from mammosim.phantom.anatomy.noise import noise_tile
 from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, held_depth, skin_depth
 from mammosim.phantom.anatomy.parenchyma import (
@@ -93,10 +93,6 @@ MUSCLE_STREAKS = 1.5
 
 FINE_SEPTUM = 0.4
 """Thickness of the septa within lobules against those between them. Chosen by eye."""
-
-AREOLA_MM = (0.5, 14.0)
-"""Extra thickness of the skin at the areola and its radius, mm: skin is thickest there; the
-numbers are a choice."""
 
 Density = Literal["fatty", "scattered", "heterogeneous", "dense", "a", "b", "c", "d"]
 
@@ -176,6 +172,7 @@ class _Anatomy:
     nets: tuple[Net, Net, Net]
     tile: NDArray[np.int8]
     nipple: Nipple
+    areola: Areola
     findings: list[Ball | Fold]
 
 
@@ -231,6 +228,7 @@ def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _A
     nipple = varied(draw_nipple(settings, shared), settings, shape_rng)
     shape = like(draw_shape(volume_ml, shared), shape_rng)
     axilla, muscle = draw_axilla(shape, shared), draw_muscle(shared)
+    areola = draw_areola(shared)
     outline = fit_volume(Outline(shape, axilla), muscle, volume_ml)
     frame = coarse_frame(outline)
     depth, muscled = skin_depth(outline, frame), muscle_depth(muscle, outline, frame)
@@ -257,7 +255,9 @@ def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _A
     tile = noise_tile(thread_rng, TILE, FINE_LIMIT)
     site = Site(depth, muscled, thickness, frame, outline.axilla, ends[:1] * [1.0, 0.0, 0.0], tubes)
     findings = draw_findings(settings, site, finding_rng)
-    return _Anatomy(outline, frame, kind, fields, tubes, threads, nets, tile, nipple, findings)
+    return _Anatomy(
+        outline, frame, kind, fields, tubes, threads, nets, tile, nipple, areola, findings
+    )
 
 
 def _dealt(layers: int) -> NDArray[np.int64]:
@@ -314,8 +314,10 @@ def _paint(anatomy: _Anatomy) -> Paint:
         "adipose", "skin", "gland", "nipple", "muscle", "ligament", "ligament_eighth",
         "ligament_quarter", "ligament_half",
     )  # fmt: skip
+    areola = anatomy.areola
     return Paint(
-        anatomy.nipple.numbers(anatomy.outline.shape.depth_mm), np.array(AREOLA_MM),
+        anatomy.nipple.numbers(anatomy.outline.shape.depth_mm, areola.root_mm),
+        np.array([areola.thicker_mm, areola.radius_mm]),
         _cut(anatomy.outline), COVER_MM, 0.0,
         np.array([TISSUES[name].label for name in names], np.uint8),
     )  # fmt: skip

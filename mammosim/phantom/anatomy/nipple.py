@@ -1,4 +1,4 @@
-"""The nipple: a blunt cone of many shapes, sometimes flat."""
+"""The nipple, a blunt cone of many shapes, sometimes flat; its root, and the areola around it."""
 
 from __future__ import annotations
 
@@ -22,6 +22,45 @@ between plates (assumed)."""
 DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 12.0, 1.8, (8.0, 16.0)
 """Diameter: 13 mm on average (Sanuki et al. 2009), at the foot here a millimetre wider than
 stated; the spread is assumed."""
+
+ROOT_MM = (3.0, 8.0)
+"""How far the nipple's fibrous tissue reaches below the skin. Assumed."""
+
+AREOLA_MM, AREOLA_SPREAD_MM, AREOLAS_MM = 18.0, 2.5, (12.0, 24.0)
+"""Radius of the areola: 20 mm on average (Sanuki et al. 2009), here to where a third of its extra
+thickness is left; the spread is assumed."""
+
+AREOLA_THICKER_MM = (0.5, 1.7)
+"""Extra thickness of the areola's skin, which is thickest there and swells towards the nipple on
+mammograms; the numbers are a choice."""
+
+
+@dataclass(frozen=True)
+class Areola:
+    """What surrounds and carries the nipple, lengths in mm.
+
+    Parameters
+    ----------
+    thicker_mm : float
+        Extra thickness of the skin at the nipple.
+    radius_mm : float
+        Distance from the nipple at which a third of it is left.
+    root_mm : float
+        Depth below the skin to which the nipple's fibrous tissue reaches.
+    """
+
+    thicker_mm: float
+    radius_mm: float
+    root_mm: float
+
+
+def draw_areola(rng: np.random.Generator) -> Areola:
+    """An areola and the nipple's root."""
+    return Areola(
+        rng.uniform(*AREOLA_THICKER_MM),
+        float(np.clip(rng.normal(AREOLA_MM, AREOLA_SPREAD_MM), *AREOLAS_MM)),
+        rng.uniform(*ROOT_MM),
+    )
 
 
 @dataclass(frozen=True)
@@ -54,12 +93,12 @@ class Nipple:
     lumps_mm: float
     place: float
 
-    def numbers(self, foot_mm: float) -> NDArray[np.float64]:
+    def numbers(self, foot_mm: float, root_mm: float) -> NDArray[np.float64]:
         """As the kernels want it; `foot_mm` is where it stands on the x axis."""
         return np.array(
             [
                 foot_mm, self.height_mm, self.radius_mm, self.taper, *self.tilt, self.dome,
-                self.lumps_mm, self.place,
+                self.lumps_mm, self.place, root_mm,
             ]
         )  # fmt: skip
 
