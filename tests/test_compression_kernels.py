@@ -10,8 +10,8 @@ from scipy.ndimage import map_coordinates
 from mammosim.compression._continuation_kernels import continue_one_layer, extrapolate_one_layer
 from mammosim.compression._inverse_kernels import (
     KUHN_TETRAHEDRA,
-    meet_trilinearly,
     rasterise_inverse,
+    refine_inverse,
 )
 from mammosim.compression._lattice_kernels import gather_blocks, tissue_outline, tissue_reach
 
@@ -105,7 +105,7 @@ def test_a_finer_inverse_is_the_trilinear_fields():
         return np.linalg.norm(places + np.transpose(moved) - points, axis=1)
 
     before = misses()
-    meet_trilinearly(displacement, 3.0, shift, rank, original)
+    refine_inverse(displacement, 3.0, shift, rank, original)
     assert len(points) > 100
     assert before.max() > 0.02
     assert np.quantile(misses(), 0.95) < 1e-3

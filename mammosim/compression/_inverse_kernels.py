@@ -8,10 +8,11 @@ _EDGE_SLACK = 1e-9
 """Barycentric coordinates this far below 0 still count as inside, so that no point falls between
 two tetrahedra."""
 
-_MEETING_STEPS = 4
-_MET = 1e-6
-"""Newton steps to the trilinear field's inverse, and the square of the distance, lattice units, at
-which it is met: a thousandth of a cell, which two steps reach where nothing folds."""
+_NEWTON_STEPS = 4
+"""Most Newton steps to the inverse of the trilinear field; two are enough where nothing folds."""
+
+_CLOSE_SQUARED = 1e-6
+"""Square of the distance at which they stop: a thousandth of a cell."""
 
 # The six tetrahedra of a cube that share its diagonal 0-7 (Kuhn 1960); corner = 4 a + 2 b + c.
 KUHN_TETRAHEDRA = np.array(
@@ -24,9 +25,9 @@ def rasterise_inverse(displacement, tissue, per_cell, shift, tetrahedra, origina
     """Write the place at rest of every grid point that a deformed cell covers.
 
     Places are in lattice units. There are `per_cell` grid points per lattice unit: grid point
-    [i, j, k] lies at ``([i, j, k] + shift) / per_cell``. Cells with at
-    least one tissue node take part; where cells overlap, the one with more tissue nodes wins, the
-    first of equals. `rank` holds the number of tissue nodes of the cell that wrote a point.
+    [i, j, k] lies at ``([i, j, k] + shift) / per_cell``. Cells with at least one tissue node take
+    part; where cells overlap, the one with more tissue nodes wins, the first of equals. `rank`
+    holds the number of tissue nodes of the cell that wrote a point.
     """
     nx, ny, nz = tissue.shape
     corners = np.empty((8, 3))
@@ -111,14 +112,16 @@ def _invert(m, out):
 
 
 @parallel_kernel
-def meet_trilinearly(thread, displacement, per_cell, shift, rank, original):
-    """Move places of `rasterise_inverse` to those that the trilinear field brings to its points.
+def refine_inverse(thread, displacement, per_cell, shift, rank, original):
+    """Take places of `rasterise_inverse` to the inverse of the trilinear field by Newton steps.
 
-    Places that do not come closer, as where cells are folded, stay.
+    They end before a step that comes no closer, as where cells are folded.
     """
     for i in share(thread, 0, rank.shape[0]):
         wanted = np.empty(3)
         place = np.empty(3)
+        low = np.empty(3, np.int64)
+        part = np.empty(3)
         miss = np.empty(3)
         gradient = np.empty((3, 3))
         inverse = np.empty((3, 3))
@@ -132,15 +135,15 @@ def meet_trilinearly(thread, displacement, per_cell, shift, rank, original):
                 for d in range(3):
                     place[d] = original[i, j, k, d]
                 least = np.inf
-                for _ in range(_MEETING_STEPS):
-                    _miss_and_gradient(displacement, place, wanted, miss, gradient)
+                for _ in range(_NEWTON_STEPS):
+                    _miss_and_gradient(displacement, place, wanted, low, part, miss, gradient)
                     square = miss[0] ** 2 + miss[1] ** 2 + miss[2] ** 2
                     if square >= least:
                         break
                     least = square
                     for d in range(3):
                         original[i, j, k, d] = place[d]
-                    if square < _MET or not _invert(gradient, inverse):
+                    if square < _CLOSE_SQUARED or not _invert(gradient, inverse):
                         break
                     for d in range(3):
                         for e in range(3):
@@ -148,13 +151,12 @@ def meet_trilinearly(thread, displacement, per_cell, shift, rank, original):
 
 
 @kernel
-def _miss_and_gradient(displacement, place, wanted, miss, gradient):
+def _miss_and_gradient(displacement, place, wanted, low, part, miss, gradient):
     """How far the trilinear field brings a place beyond a wanted point, and the gradient of that.
 
-    Beyond the lattice the field goes on as in its outermost cells.
+    Beyond the lattice the field goes on as in its outermost cells. `low` and `part` are room for
+    the cell of the place and where in it the place lies.
     """
-    low = np.empty(3, np.int64)
-    part = np.empty(3)
     for d in range(3):
         low[d] = min(max(int(np.floor(place[d])), 0), displacement.shape[d] - 2)
         part[d] = place[d] - low[d]

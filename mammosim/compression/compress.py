@@ -75,7 +75,7 @@ def compress(
     model = MODELS[settings.model]
     try:
         squeezed: CompressedBreast = model.compress(held, view, settings, seed, watch)
-    except KeyboardInterrupt:  # outside of all that keeps what it reached
+    except KeyboardInterrupt:  # where no solver has a state to keep
         raise Interrupted(f"{view.folder}: compression was interrupted", None) from None
     before = held_before(breast, view, model.compresses)
     squeezed = replace(squeezed, notes=(*squeezed.notes, *before))

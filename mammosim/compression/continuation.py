@@ -13,6 +13,16 @@ def continued(
 ) -> NDArray[np.floating]:
     """Copy of a field in which air near tissue moves with the tissue beside it.
 
+    As `continued_with_reach`, which also says how far.
+    """
+    return continued_with_reach(field, tissue, layers, straight)[0]
+
+
+def continued_with_reach(
+    field: NDArray[np.floating], tissue: NDArray[np.bool_], layers: int, straight: int = 0
+) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
+    """Copy of a field in which air near tissue moves with the tissue beside it, and where it does.
+
     Parameters
     ----------
     field : ndarray, [component, x, y, z]
@@ -25,7 +35,9 @@ def continued(
 
     Returns
     -------
-    ndarray, [component, x, y, z]
+    continued : ndarray, [component, x, y, z]
+    reached : ndarray of bool, [x, y, z]
+        Tissue, and the air to which it is continued.
     """
     copy = np.where(tissue, field, field.dtype.type(0.0))
     layer = tissue.astype(np.int32)
@@ -33,4 +45,4 @@ def continued(
         if number < straight + 2:
             extrapolate_one_layer(copy, layer, number)
         continue_one_layer(copy, layer, number)
-    return copy
+    return copy, layer > 0

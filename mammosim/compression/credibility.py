@@ -55,9 +55,9 @@ def contact_quantities(
 ) -> dict[str, float]:
     """Force and pressure of the plates, for the table of limits.
 
-    A low force is plausible where a force was asked for. Where no thickness was asked for either,
-    the thickness is a population's, and the force need only be a breast's own share of a clinical
-    one. The forces on paddle and support need not balance under gravity.
+    A low force is plausible where a force was asked for. Where neither that nor a thickness or
+    heights were, the thickness is a population's, and the force need only be a breast's own share
+    of a clinical one. The forces on paddle and support need not balance under gravity.
     """
     measures = compressed.measures
     paddle_n, support_n = measures["force_n"], measures["support_force_n"]

@@ -67,8 +67,8 @@ class DisplacementField:
     def inverse_with(self, per_cell: int) -> InverseMap:
         """The same map with several grid points per lattice cell along each axis; not kept.
 
-        Its points are those of the trilinear field; those of `inverse` are linear in tetrahedra,
-        which differ from it within a cell.
+        It inverts the trilinear field; `inverse` is that of a field linear in tetrahedra, which
+        differs from the trilinear one within a cell.
         """
         return invert(self.frame, self.displacement_mm, self.tissue, per_cell)
 

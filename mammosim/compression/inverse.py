@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from mammosim.compression._inverse_kernels import (
     KUHN_TETRAHEDRA,
-    meet_trilinearly,
     rasterise_inverse,
+    refine_inverse,
 )
-from mammosim.compression.continuation import continued
+from mammosim.compression.continuation import continued_with_reach
 from mammosim.geometry import VoxelFrame
 
 RIM_LAYERS = 1
@@ -74,18 +74,16 @@ def invert(
     rank = np.zeros(shape, np.int8)
     rasterise_inverse(displacement, tissue, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank)
     if per_cell > 1:
-        meet_trilinearly(displacement, float(per_cell), shift, rank, original)
+        refine_inverse(displacement, float(per_cell), shift, rank, original)
     covered = rank > 0
-    layers = per_cell * RIM_LAYERS
-    rim = continued(covered[None].astype(np.float32), covered, layers)[0] > 0.0
     shift_back = np.zeros((3, *shape))
     for axis, grid in enumerate(_grid(shape, shift, per_cell)):
         shift_back[axis] = np.where(covered, original[..., axis] - grid, 0.0)
     del original  # which is large
-    back = continued(shift_back, covered, layers)
+    back, reached = continued_with_reach(shift_back, covered, per_cell * RIM_LAYERS)
     original_mm = np.empty((*shape, 3), np.float32)
     for axis, grid in enumerate(_grid(shape, shift, per_cell)):
-        place = np.where(rim, grid + back[axis], np.nan)
+        place = np.where(reached, grid + back[axis], np.nan)
         original_mm[..., axis] = frame.origin_mm[axis] + place * frame.spacing_mm[axis]
     inverse_frame = VoxelFrame(
         frame.position_mm(shift / per_cell), frame.spacing_mm / per_cell, shape

@@ -54,8 +54,14 @@ class Lattice:
     def height_mm(self) -> tuple[float, float]:
         """Lowest and highest tissue node, compression frame, mm."""
         layers = np.flatnonzero(self.tissue.any(axis=(0, 1)))
-        ends = self.frame.origin_mm[2] + layers[[0, -1]] * self.frame.spacing_mm[2]
-        return float(ends[0]), float(ends[1])
+        low, high = self.frame.axis_mm(2)[layers[[0, -1]]]
+        return float(low), float(high)
+
+    @property
+    def front_mm(self) -> float:
+        """x of the foremost tissue node, compression frame, mm."""
+        layers = np.flatnonzero(self.tissue.any(axis=(1, 2)))
+        return float(self.frame.axis_mm(0)[layers[-1]])
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,8 @@ class MechanicalModel:
         ``cautions(settings)``: sentences on what makes a result of these settings doubtful, which
         are known before anything is computed.
     foreseen : callable
-        ``foreseen(coarse, settings)``: numbers to hold against those limits that a compression on a
-        coarse lattice lets expect of these settings, before the breast itself is compressed.
+        ``foreseen(coarse, settings)``: such numbers as a compression on a coarse lattice predicts
+        for these settings, before the breast itself is compressed.
     own_keys : tuple of str
         Keys of `CompressionSettings` that other models do not know.
     usual : mapping

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from mammosim.compression.compress import view_of_compressed
 from mammosim.compression.hyperelastic_model import skin_of
 from mammosim.compression.lattice import Lattice, build_lattice
@@ -80,9 +78,7 @@ def _check_paddle(
 
 def _may_fit(lattice: Lattice, thickness_mm: float | None, edge_mm: float, slack_mm: float) -> bool:
     """Whether plates can touch a breast that is larger by up to the slack."""
-    layers = np.flatnonzero(lattice.tissue.any(axis=(1, 2)))
-    front = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * layers[-1]
-    if edge_mm - slack_mm >= front:
+    if edge_mm - slack_mm >= lattice.front_mm:
         return False
     low, high = heights_beyond_edge_mm(lattice, edge_mm - slack_mm)
     return thickness_mm is None or thickness_mm < high - low + slack_mm

@@ -148,7 +148,7 @@ def _balanced_height(case: SpringCase, edge_mm: float) -> BalancedHeight:
 
 
 def _coarse_forces(case: SpringCase) -> Callable[[Plates], PlateForces | None]:
-    """Forces of plates at a place, on a coarse lattice without weight that is solved anew."""
+    """``forces(plates)`` on a coarse lattice without weight, which is solved anew each time."""
 
     def forces(plates: Plates) -> PlateForces | None:
         problem, spacing = replace(case.problem(plates), force=(None, None, None)), case.spacing_mm

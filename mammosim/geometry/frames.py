@@ -62,6 +62,10 @@ class VoxelFrame:
         """Positions (..., 3) in mm of fractional indices (..., 3)."""
         return self.origin_mm + np.asarray(index, dtype=np.float64) * self.spacing_mm
 
+    def axis_mm(self, axis: int) -> NDArray[np.float64]:
+        """Coordinates of the points along one axis, mm."""
+        return self.origin_mm[axis] + self.spacing_mm[axis] * np.arange(self.shape[axis])
+
     def index(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Fractional indices (..., 3) of positions (..., 3) in mm."""
         return (np.asarray(points_mm, dtype=np.float64) - self.origin_mm) / self.spacing_mm

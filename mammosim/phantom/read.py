@@ -26,8 +26,8 @@ from mammosim.phantom.voxels import read_volume
 from mammosim.tissues import DEFAULT_LABELS, LABEL_MAPS, TISSUES, load_label_map
 
 SECOND_BREAST_SHARE = 0.3
-"""Of the largest body's volume: more than this apart from it is no speck but may be the other
-breast; the two breasts of a woman differ by less. Assumed."""
+"""Part of the largest body's volume above which a second body is not a speck but may be the other
+breast: the smaller breast of a woman has more than this of the larger. Assumed."""
 
 
 def read_phantom(

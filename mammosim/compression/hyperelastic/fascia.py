@@ -12,8 +12,8 @@ WALL = 1
 """x index of the chest wall's nodes."""
 
 RIM_MM = 15.0
-"""Width of the rim along which the breast's back goes over into the fat beneath the skin of the
-chest (assumed)."""
+"""Width of the rim along which the breast's back merges into the fat beneath the skin of the chest
+(assumed)."""
 
 RIM_PART = 0.13
 """Stiffness of the tie at the border of the breast, in units of that of the fascia: the same loose
@@ -117,7 +117,8 @@ class SkinBorder:
         skin : ndarray of float32, [x, y, z]
             Part of each cell that is skin.
         least : float
-            Thickness of skin that there must be, element edges: elsewhere the phantom was cut off.
+            Smallest thickness that counts as skin, element edges: where there is less, the phantom
+            was cut off.
         tension, rim : float
             As the class takes them.
         """

@@ -33,11 +33,11 @@ UNFOLDING = (30.0, 0.5)
 its bulk modulus acts at each point, which unfolds them, and a fold costs little else."""
 
 FOLDED, UNFOLDED = 0.05, 0.2
-"""Smallest J of a start below which that is needed, and from which on it no longer is."""
+"""Smallest J of a start below which its elements are unfolded first, and at which that ends."""
 
 STEEP = 0.02
-"""`least_volume` of the mesh where an equilibrium has a smaller J than its own: the law's barrier
-against folding, which was continued by a parabola there, then acts further down."""
+"""`least_volume` with which the mesh is solved again where its equilibrium has a smaller J than its
+own: the law's barrier against folding, which a parabola replaced there, then acts further down."""
 
 EDGE_REACH = 4.0
 """Distance from the plates' edge, in units of its radius, within which the surface has several
@@ -160,7 +160,7 @@ class Stages:
         return self._finish(level, plates, u)
 
     def _finish(self, level: int, plates: Plates, u: NDArray[np.float64]) -> State:
-        """State of one of the bodies, as exact as is wanted of it, from a displacement near it."""
+        """State of one of the bodies, to its level's tolerance, from a displacement near it."""
         body = self.bodies[level]
         if level > 0:
             return self._minimise(body, level, plates, u, LOOSE)

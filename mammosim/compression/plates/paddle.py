@@ -41,7 +41,7 @@ def tissue_beyond_edge(lattice: Lattice, edge_mm: float) -> NDArray[np.bool_]:
     edge_mm : float
         Breast-frame x of the edge, mm.
     """
-    return lattice.tissue & (_places_mm(lattice, 0) > edge_mm)[:, None, None]
+    return lattice.tissue & (lattice.frame.axis_mm(0) > edge_mm)[:, None, None]
 
 
 def covered_tissue(
@@ -66,7 +66,7 @@ def covered_tissue(
     ahead = tissue_beyond_edge(lattice, edge_mm)
     if panel is None:
         return ahead
-    x, y = _places_mm(lattice, 0), _places_mm(lattice, 1)
+    x, y = lattice.frame.axis_mm(0), lattice.frame.axis_mm(1)
     back, front = edge_mm + panel.back_mm, edge_mm + panel.front_mm
     found = (
         f"compression.paddle: found one from x = {back:.1f} to {front:.1f} mm and from "
@@ -88,9 +88,3 @@ def covered_tissue(
             f"y = {y0:.1f} to {y1:.1f} mm in {view.name}"
         )
     return covered
-
-
-def _places_mm(lattice: Lattice, axis: int) -> NDArray[np.float64]:
-    """Coordinate of each layer of nodes along an axis, compression frame, mm."""
-    frame = lattice.frame
-    return frame.origin_mm[axis] + frame.spacing_mm[axis] * np.arange(frame.shape[axis])

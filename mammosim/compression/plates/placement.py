@@ -95,11 +95,11 @@ def place_plates(
     (`plate_balance`) starts here: from the middle of all tissue or, where a breast has a way to the
     axilla, which stands higher than the breast, from the breast's own height.
     """
-    nodes = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * _layers(lattice)
-    if not (nodes > edge_mm).any():
+    front = lattice.front_mm
+    if front <= edge_mm:
         raise InputError(
             f"compression.plate_edge_mm: found {edge_mm:g}, but tissue reaches only to "
-            f"x = {nodes.max():g} mm; must be smaller"
+            f"x = {front:g} mm; must be smaller"
         )
     panel = panel_of(settings.paddle, edge_mm)
     covered = covered_tissue(lattice, edge_mm, panel, view)
@@ -172,8 +172,8 @@ def heights_mm(lattice: Lattice, tissue: NDArray[np.bool_]) -> tuple[float, floa
     """Lowest and highest face of some of a lattice's tissue, compression frame, mm."""
     levels = np.flatnonzero(tissue.any(axis=(0, 1)))
     spacing = lattice.frame.spacing_mm[2]
-    z = lattice.frame.origin_mm[2] + spacing * levels[[0, -1]]
-    return float(z[0] - 0.5 * spacing), float(z[1] + 0.5 * spacing)
+    low, high = lattice.frame.axis_mm(2)[levels[[0, -1]]]
+    return float(low - 0.5 * spacing), float(high + 0.5 * spacing)
 
 
 def forward_height_mm(lattice: Lattice, edge_mm: float) -> float:
@@ -182,14 +182,6 @@ def forward_height_mm(lattice: Lattice, edge_mm: float) -> float:
     What reaches forward is the breast; the tissue at the chest wall may stand higher. Where tissue
     is symmetric about a height, this is it.
     """
-    layers = _layers(lattice)
-    x = lattice.frame.origin_mm[0] + lattice.frame.spacing_mm[0] * layers
-    front = lattice.tissue[layers[x >= 0.5 * (edge_mm + x[-1])]]
-    weight = front.sum(axis=(0, 1))
-    z = lattice.frame.origin_mm[2] + lattice.frame.spacing_mm[2] * np.arange(weight.size)
-    return float((weight * z).sum() / weight.sum())
-
-
-def _layers(lattice: Lattice) -> NDArray[np.intp]:
-    """x indices of layers with tissue."""
-    return np.flatnonzero(lattice.tissue.any(axis=(1, 2)))
+    forward = lattice.frame.axis_mm(0) >= 0.5 * (edge_mm + lattice.front_mm)
+    weight = lattice.tissue[forward].sum(axis=(0, 1))
+    return float((weight * lattice.frame.axis_mm(2)).sum() / weight.sum())

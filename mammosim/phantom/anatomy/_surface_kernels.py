@@ -10,8 +10,8 @@ from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, Paint
 from mammosim.phantom.anatomy._noise_kernels import gradient_noise
 
 FLARE_MM, FLARE_HEIGHT_MM = 2.0, 1.0
-"""How much wider a nipple is at its foot, where it goes over into the areola, and over what height
-that is lost, mm. Chosen by eye."""
+"""How much wider a nipple is at its foot, where it merges into the areola, and the height over
+which that is lost, mm. Chosen by eye."""
 
 FRAY = 0.35
 """How unevenly the nipple's root ends, in its radii. Chosen by eye."""

@@ -27,9 +27,9 @@ NODE_MM, NODE_LONG = (2.5, 5.5), (1.2, 2.2)
 width are normal. Assumed."""
 
 PLAQUES, FREE_SHARE, PLAQUE_MM, PLAQUE_SPREAD = 3.0, 0.35, 0.35, 0.6
-"""Mean number of plaques of a piece of a calcified artery, share of pieces that have none, and half
-a plaque's length: median, mm, and spread of its logarithm. Chosen by eye: tracks are broken, and
-their plaques of unequal size."""
+"""Mean number of plaques per piece of a calcified artery, share of pieces without any, and half a
+plaque's length: median, mm, and spread of its logarithm. Chosen by eye: tracks are broken, and
+their plaques are of unequal size."""
 
 VASCULAR_SHARE, OTHER_SHARE = 0.079, 0.15
 """Share of breasts with calcified arteries, of 6156 consecutive women (Cetin et al. 2004,

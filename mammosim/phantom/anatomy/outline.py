@@ -65,11 +65,7 @@ def coarse_frame(outline: Outline) -> VoxelFrame:
 
 def mesh(frame: VoxelFrame) -> Points:
     """Open mesh of the grid's coordinates."""
-    x, y, z = (
-        frame.origin_mm[axis] + frame.spacing_mm[axis] * np.arange(frame.shape[axis])
-        for axis in range(3)
-    )
-    along, across, up = np.ix_(x, y, z)
+    along, across, up = np.ix_(*(frame.axis_mm(axis) for axis in range(3)))
     return along, across, up
 
 

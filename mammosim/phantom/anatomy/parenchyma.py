@@ -73,7 +73,7 @@ SLEEVE = 0.9
 """Amplitude of the preference of gland for the neighbourhood of ducts. Chosen."""
 
 BEHIND_NIPPLE, BEHIND_NIPPLE_MM, BEHIND_SLEEVE_MM = 1.6, 16.0, 2.5
-"""The same of the fibrous tissue about the main ducts, distance from the nipple over which it is
+"""The same for fibrous tissue around the main ducts, the distance from the nipple over which it is
 lost, and how far it keeps to them, mm: ducts are seen to run into the nipple. Chosen by eye."""
 
 
@@ -138,19 +138,20 @@ def gland_potential(
     room: NDArray[np.float64],
     trees: DuctTrees,
     kind: Parenchyma,
-    nipple_mm: float,
+    foot_mm: float,
     frame: VoxelFrame,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
     """Potential of glandular tissue without its fine structure.
 
-    The room it has, near ducts more than away from them, lobes of unequal strength, and patches.
+    The room it has, near ducts more than away from them, most of all behind the nipple, lobes of
+    unequal strength, and patches. `foot_mm` is x of the nipple's foot.
     """
     distance, lobe = tree_distance(trees, room, frame)
     sleeve = SLEEVE * (np.exp(-((distance / kind.sleeve_mm) ** 2)) - 0.5)
     strength = 0.30 * rng.standard_normal(int(trees.lobe.max()) + 1)
     x, lateral, superior = mesh(frame)
-    from_nipple = np.sqrt((x - nipple_mm) ** 2 + lateral**2 + superior**2)
+    from_nipple = np.sqrt((x - foot_mm) ** 2 + lateral**2 + superior**2)
     sleeve = sleeve + BEHIND_NIPPLE * np.exp(
         -((distance / BEHIND_SLEEVE_MM) ** 2) - from_nipple / BEHIND_NIPPLE_MM
     )

@@ -15,8 +15,8 @@ PER_ML = 6.0
 """Threads per mL of breast. Chosen by eye."""
 
 SUSPENSORY_SHARE = 0.4
-"""Share of threads that suspend the gland from the skin (Cooper's ligaments); the others run with
-lobes and ducts, towards the nipple."""
+"""Share of stems, the threads that are not branches, that suspend the gland from the skin (Cooper's
+ligaments); the others run with lobes and ducts, towards the nipple."""
 
 SKIN_START_MM = (1.5, 6.0)
 """Depth below the skin's face at which suspensory threads start, mm."""
@@ -25,8 +25,8 @@ RADIUS_MM, RADIUS_SPREAD, RADII_MM = 0.185, 0.65, (0.05, 0.55)
 """Median radius, spread of its logarithm, and bounds, mm. Chosen by eye."""
 
 BRANCH_SHARE, BRANCH_RADIUS, BRANCH_ASIDE = 0.45, 0.75, 0.45
-"""Share of threads that leave another one, their radius against its own there, and how far they
-turn aside. Chosen by eye."""
+"""Share of threads that branch off another, their radius relative to that of the other there, and
+how far they turn aside. Chosen by eye."""
 
 STEPS = (5, 24)
 """Fewest and most straight pieces of `STEP_MM` of a thread."""

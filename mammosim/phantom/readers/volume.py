@@ -19,9 +19,9 @@ MAX_DEFLATE_RATIO = 1032
 LEAST_MM, MOST_MM = 1e-6, 1e3
 """Of a voxel: far beyond any phantom in either direction, even with its size in metres or nm."""
 
-MOST_ORIGIN_MM = 1e6
-"""Of the first voxel, from the origin: scanners give up to a few metres, and there places in double
-precision still differ by 1e-10 mm."""
+MAX_ORIGIN_MM = 1e6
+"""Largest coordinate of the first voxel: scanners give up to a few metres, and double precision
+still resolves 1e-10 mm there."""
 
 
 class Voxels(NamedTuple):
@@ -161,12 +161,12 @@ def checked_spacing(spacing_mm: ArrayLike, path: Path) -> NDArray[np.float64]:
 
 
 def checked_origin(origin_mm: ArrayLike, path: Path) -> NDArray[np.float64]:
-    """(3,) position of the first voxel, refused unless places in mm keep their digits there."""
+    """(3,) position of the first voxel, refused if not finite or too far from the origin."""
     origin = np.asarray(origin_mm, dtype=np.float64)
-    if origin.shape != (3,) or not (np.abs(origin) <= MOST_ORIGIN_MM).all():
+    if origin.shape != (3,) or not (np.abs(origin) <= MAX_ORIGIN_MM).all():
         raise InputError(
             f"{path}: origin is {np.asarray(origin_mm).tolist()} mm, expected three numbers from "
-            f"{-MOST_ORIGIN_MM:g} to {MOST_ORIGIN_MM:g}"
+            f"{-MAX_ORIGIN_MM:g} to {MAX_ORIGIN_MM:g}"
         )
     return origin
 
