@@ -20,13 +20,13 @@ from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, mes
 COVER_MM = 7.0
 """Least skin and fat over the muscle, mm."""
 
-FAT_IN_MUSCLE = 0.107
+FAT_IN_MUSCLE = 0.117
 """Share of fat between and within the muscle's bundles, as their walls and streaks make it."""
 
-BUNDLE_MM, BUNDLE_LENGTH = 8.0, 5.0
+BUNDLE_MM, BUNDLE_LENGTH = 8.0, 3.5
 """Width of the muscle's bundles, mm, and their length against it. Chosen by eye."""
 
-FIBRE_BEND_MM = (1.6, 26.0)
+FIBRE_BEND_MM = (2.2, 26.0)
 """Amplitude and wavelength by which bundles are bent, mm. Chosen by eye."""
 
 INSERTION_MM = 130.0
@@ -76,9 +76,9 @@ def draw_muscle(rng: np.random.Generator) -> Muscle:
     return Muscle(
         wedge=rng.uniform(0.50, 0.72),
         start_mm=rng.uniform(-55.0, -20.0),
-        bulge=rng.uniform(0.9, 1.25),
-        medial_mm=rng.uniform(4.0, 6.0),
-        lateral_mm=rng.uniform(0.5, 1.5),
+        bulge=rng.uniform(0.7, 1.05),
+        medial_mm=rng.uniform(3.0, 4.5),
+        lateral_mm=rng.uniform(0.3, 0.9),
         bow=rng.uniform(0.15, 0.35),
         waves=waves,
     )
@@ -89,8 +89,9 @@ def muscle_depth(muscle: Muscle, outline: Outline, frame: VoxelFrame) -> NDArray
     x, lateral, superior = mesh(frame)
     radius, end = outline.shape.radius_mm, outline.axilla.cut_mm
     rise = np.clip((along_mm(lateral, superior) - muscle.start_mm) / (end - muscle.start_mm), 0, 2)
-    # Below the nipple there is no wedge; above, it comes in over 4 cm.
-    above = np.clip((superior + 14.0) / 50.0, 0.0, 1.0)
+    # Below the nipple there is no wedge; above, it comes in over 6 cm, so that it hardly shows
+    # between the plates of a craniocaudal view.
+    above = np.clip((superior + 6.0) / 60.0, 0.0, 1.0)
     across = across_mm(lateral, superior) - outline.axilla.offset_mm
     aside = np.clip(across / outline.axilla.half_width_mm, -1.5, 1.5)
     wedge = muscle.wedge * outline.axilla.height_mm * rise**muscle.bulge
