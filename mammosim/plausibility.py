@@ -15,10 +15,6 @@ LOW_FORCE_N = 20.0
 """Force on the paddle below which it hardly compresses, N. Assumed: the least of 560 women had 49 N
 (Sullivan et al. 1991)."""
 
-OWN_SHARE_N = 7.0
-"""Force on the paddle below which a breast at a usual thickness hardly presses on it, N: 14 % (the
-breast's own share in MLO: Dustler et al. 2021) of the 49 N of `LOW_FORCE_N`."""
-
 _CONTRACT = "assumed: the largest loss of the published cases of this model is 14 %"
 
 
@@ -59,13 +55,12 @@ LIMITS: tuple[Limit, ...] = (
         "in MLO bear on the breast, the rest on the chest wall's tissue, which plates in front of "
         "it do not press",
         "the parts: 28 women under sensors (Dustler et al. 2021, Acta Radiol 62:1583). "
-        f"High: {_MQSA}. Low and "
-        "error: assumed; 49 to 186 N were measured in 560 women (Sullivan et al. 1991, Radiology "
-        "181:355)",
+        f"High: {_MQSA}. Low and error: assumed; 49 to 186 N were measured in 560 women "
+        "(Sullivan et al. 1991, Radiology 181:355)",
     ),
     Limit(
-        "usual_force_n", "force on the paddle at a usual thickness", "N", OWN_SHARE_N, 200.0,
-        2000.0, "check stiffness and the plates' edge",
+        "usual_force_n", "force on the paddle at a usual thickness", "N", 7.0, 200.0, 2000.0,
+        "check stiffness and the plates' edge",
         "low: the least of 49 to 186 N (560 women: Sullivan et al. 1991, Radiology 181:355) times "
         "the 14 % that bear on the breast itself in MLO (28 women: Dustler et al. 2021, Acta "
         "Radiol 62:1583); plates in front of the chest wall miss the rest",

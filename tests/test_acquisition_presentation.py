@@ -313,10 +313,10 @@ def test_levels_are_those_of_what_a_spot_paddle_presses():
     under = np.zeros(SHAPE, bool)
     under[place] = True
     risen = np.where(inside & ~under, attenuation + 1.2, attenuation).astype(np.float32)
-    reading = under[::10, ::10]
+    region = under[::10, ::10]
     plain, told, alone = (
-        present(image, PIXEL_MM, fat=2.6, reading=mask).pixels[330, 120] / MAXIMUM
-        for image, mask in ((risen, None), (risen, reading), (attenuation, None))
+        present(image, PIXEL_MM, fat=2.6, region=mask).pixels[330, 120] / MAXIMUM
+        for image, mask in ((risen, None), (risen, region), (attenuation, None))
     )
     assert plain < alone - 0.1
     assert told == pytest.approx(alone, abs=0.06)

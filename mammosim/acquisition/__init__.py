@@ -3,7 +3,7 @@
 from mammosim.acquisition.detectors import DETECTORS, Detector
 from mammosim.acquisition.dose import dose_limit_mgy
 from mammosim.acquisition.expose import expose
-from mammosim.acquisition.exposure_limits import magnified_doubts
+from mammosim.acquisition.exposure_limits import magnification_warnings
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Dose, GlandularDose, Mammogram
 from mammosim.acquisition.named_files import check_acquisition
@@ -31,6 +31,6 @@ __all__ = [
     "expose",
     "expose_arc",
     "lesion_visibility",
-    "magnified_doubts",
+    "magnification_warnings",
     "present",
 ]

@@ -84,7 +84,7 @@ def expose(
     -----
     Spectrum by SpekPy; primary by Beer and Lambert's law, summed over energies and blurred by
     focal spot and pixel; scatter and dose by Monte Carlo through a coarse copy of the breast, or,
-    where only path lengths are known, by layers made up from them and by Dance's factors; noise of
+    where only path lengths are known, by layers built from them and by Dance's factors; noise of
     an energy-integrating detector. Not modelled: off-focus radiation, grid lines, glare, lag, dead
     pixels.
     """

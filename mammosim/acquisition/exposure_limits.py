@@ -65,13 +65,13 @@ def with_warnings(
             f"{MAX_CONTROLLED_MAS:g} mAs: the detector gets "
             f"{100.0 * MAX_CONTROLLED_MAS / wanted_mas:.3g} % of the signal it is set to"
         ))  # fmt: skip
-    found += magnified_doubts(image.gantry.magnification, image.focal_spot_mm, image.grid)
+    found += magnification_warnings(image.gantry.magnification, image.focal_spot_mm, image.grid)
     breast = arrival.paths.breast
     view = f"{breast.view.folder}: " if breast is not None else ""
     return replace(image, notes=(*image.notes, *(f"{view}{text}" for text in found)))
 
 
-def magnified_doubts(magnification: float, focal_spot_mm: float, grid: bool) -> list[str]:
+def magnification_warnings(magnification: float, focal_spot_mm: float, grid: bool) -> list[str]:
     """What no unit does in a magnified view, one sentence each; none for a contact view.
 
     Parameters

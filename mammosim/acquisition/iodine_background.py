@@ -89,14 +89,14 @@ def _breast(attenuating: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(opened[inner, inner])
 
 
-def _depth_mm(inside: NDArray[np.bool_], cell_mm: float, most_mm: float) -> NDArray[np.float64]:
-    """Distance of each cell from the skin, mm, at most `most_mm`; the image's edge is no skin."""
+def _depth_mm(inside: NDArray[np.bool_], cell_mm: float, max_mm: float) -> NDArray[np.float64]:
+    """Distance of each cell from the skin, mm, at most `max_mm`; the image's edge is no skin."""
     if inside.all():
-        return np.full(inside.shape, most_mm)
+        return np.full(inside.shape, max_mm)
     distance = ndimage.distance_transform_edt(inside) * cell_mm
     # The mask's steps would be drawn as streaks along the skin.
     smooth: NDArray[np.float64] = ndimage.gaussian_filter(distance, 1.0, mode="nearest")
-    return np.minimum(smooth, most_mm)
+    return np.minimum(smooth, max_mm)
 
 
 def _profile(

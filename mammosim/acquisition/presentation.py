@@ -79,7 +79,7 @@ def present(
     pixel_mm: float,
     fat: float | None = None,
     look: str = "crisp",
-    reading: NDArray[np.bool_] | None = None,
+    region: NDArray[np.bool_] | None = None,
 ) -> Presentation:
     """Make the For Presentation image from a flat-fielded logarithmic image.
 
@@ -94,7 +94,7 @@ def present(
         thickness and beam; default: estimated from the image.
     look : {"crisp", "soft"}
         See `LOOKS`.
-    reading : ndarray of bool, [row, column], optional
+    region : ndarray of bool, [row, column], optional
         Part of the breast that the image is made for, on any coarser grid over the same field: the
         levels are taken there. Default: all of it.
 
@@ -125,7 +125,7 @@ def present(
     if margin is not None:
         missing, rise, plateau = missing_attenuation(coarse, margin, fat)
         equalized = coarse + missing
-        low, contrast = _levels(equalized, margin, plateau, _resampled(reading, coarse.shape))
+        low, contrast = _levels(equalized, margin, plateau, _resampled(region, coarse.shape))
         raised = raised_edge(equalized, margin, low, contrast)
         missing, equalized = missing + raised, equalized + raised
         radius = max(1, round(BASE_RADIUS_MM / margin.cell_mm))
@@ -151,13 +151,13 @@ def _levels(
     equalized: NDArray[np.float64],
     margin: Margin,
     plateau: float,
-    reading: NDArray[np.bool_] | None,
+    region: NDArray[np.bool_] | None,
 ) -> tuple[float, float]:
     """Attenuation shown at the grey of fat, and that of gland above it, ln; without muscle."""
     inner = margin.depth_mm > LEVELS_DEPTH_MM
     inner = inner & margin.breast if inner.any() else margin.breast
-    if reading is not None and (inner & reading).any():
-        inner = inner & reading
+    if region is not None and (inner & region).any():
+        inner = inner & region
     dark = float(np.quantile(equalized[inner], FAT_QUANTILE))
     muscle = muscle_of(equalized, margin.breast, min(dark, plateau), MIN_CONTRAST, margin.cell_mm)
     rest = inner & ~muscle

@@ -131,7 +131,6 @@ def scatter_sweep(
             np.zeros(shape), np.zeros(shape), cell, gantry, beam, settings, breast,
             seed=seed + number,
         )  # fmt: skip
-        case = replace(case, copy=copy)
         photons = (case.photons or PHOTONS) * (SERIES_PHOTONS if count > 1 else 1) // count
-        found.append(follow_through(replace(case, photons=photons)))
+        found.append(follow_through(replace(case, copy=copy, photons=photons)))
     return ScatterSweep(angles, tuple(found))

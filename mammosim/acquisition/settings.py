@@ -84,7 +84,7 @@ class ScatterSettings(Settings):
 
     model: ScatterModel = DEFAULT_SCATTER
     """Scatter model: monte-carlo (photons followed through the compressed breast), kernels (layers
-    made up from path lengths) or none."""
+    built from path lengths) or none."""
 
     photons: int | None = Field(default=None, ge=10_000, le=1_000_000_000)
     """Photons that monte-carlo follows, 10 thousand to 1 billion; left out: 160 thousand, for about

@@ -145,8 +145,8 @@ def expose_arc(
     all projections is the sum of each one's load times t(angle), the dose at its angle over that of
     the upright tube, as Dance, Young & van Engen (2011, Phys Med Biol 56:453) define it; it is
     taken from Monte Carlo's own photons in this breast, not from their tables. Other scatter models
-    take t as 1, and a note says so. Not modelled: movement of the tube
-    during an exposure, lag, grid cut-off.
+    take t as 1, and a note says so. Not modelled: movement of the tube during an exposure, lag,
+    grid cut-off.
     """
     settings = given_settings(AcquisitionSettings, settings, keys, "expose_arc()", ("acquisition",))
     if "grid" not in settings.model_fields_set:

@@ -107,6 +107,11 @@ class Gantry:
         return self.columns * self.pixel_mm
 
     @property
+    def origin_mm(self) -> NDArray[np.float64]:
+        """(3,) origin of the gantry frame in the compression frame, mm."""
+        return np.array([self.detector_edge_mm, 0.0, self.support_z_mm])
+
+    @property
     def magnification(self) -> float:
         """How many times larger an object on the breast support appears on the detector."""
         return magnification(self.source_to_detector_mm, self.support_to_detector_mm)
@@ -146,13 +151,11 @@ class Gantry:
 
     def gantry_from_breast(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Breast-frame points (..., 3) to the gantry frame, mm."""
-        turned = self.view.compression_from_breast(points_mm)
-        return turned - [self.detector_edge_mm, 0.0, self.support_z_mm]
+        return self.view.compression_from_breast(points_mm) - self.origin_mm
 
     def breast_from_gantry(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Gantry points (..., 3) to the breast frame, mm."""
-        shift = np.array([self.detector_edge_mm, 0.0, self.support_z_mm])
-        return self.view.breast_from_compression(np.asarray(points_mm) + shift)
+        return self.view.breast_from_compression(np.asarray(points_mm) + self.origin_mm)
 
     def project(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Project gantry points through the focal spot onto the detector.
@@ -181,12 +184,18 @@ class Gantry:
         v = turn.cosine * y - turn.sine * z + turn.y_mm
         return np.stack([x, v, turn.sine * y + turn.cosine * z + turn.z_mm], axis=-1)
 
+    def gantry_from_detector(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """Detector-frame points (..., 3) to the gantry frame, mm."""
+        points, turn = np.asarray(points_mm, dtype=np.float64), self.detector_turn
+        v, w = points[..., 1] - turn.y_mm, points[..., 2] - turn.z_mm
+        y, z = turn.cosine * v + turn.sine * w, turn.cosine * w - turn.sine * v
+        return np.stack([points[..., 0], y, z], axis=-1)
+
     def detector_mm(self, row: ArrayLike, column: ArrayLike) -> NDArray[np.float64]:
         """(..., 3) gantry points of rows and columns, mm."""
-        flat, turn = self.detector_xy_mm(row, column), self.detector_turn
-        v, w = flat[..., 1] - turn.y_mm, -self.support_to_detector_mm - turn.z_mm
-        y, z = turn.cosine * v + turn.sine * w, turn.cosine * w - turn.sine * v
-        return np.stack([flat[..., 0], y, z], axis=-1)
+        flat = self.detector_xy_mm(row, column)
+        plane = np.full((*flat.shape[:-1], 1), -self.support_to_detector_mm)
+        return self.gantry_from_detector(np.concatenate([flat, plane], axis=-1))
 
     def pixel_of(self, x_mm: ArrayLike, y_mm: ArrayLike) -> NDArray[np.float64]:
         """(..., 2) row and column of places on the detector, x and y of its own frame, mm."""

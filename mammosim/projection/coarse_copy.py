@@ -25,10 +25,11 @@ MAX_IN_PLATE_MM = 3.0
 """How deep in a plate tissue may lie so that the plate is taken to push it away, mm: half a cell of
 a coarse lattice, and more."""
 
+_LEVEL_MM, _COLUMNS_WITHIN = 0.25, 0.95
+"""Step in which depths in a plate are measured, and the share of columns that reach no deeper."""
+
 # Parts of a step by which the columns of a block of 2 x 2 are shifted along z.
 _STAGGER = {(0, 0): -0.375, (1, 1): -0.125, (0, 1): 0.125, (1, 0): 0.375}
-
-_LEVEL_MM, _COLUMNS_WITHIN = 0.25, 0.95
 
 BEHIND_EDGE_MM = 30.0
 """How far tissue behind the detector's edge is kept, mm; two mean free paths of 20 keV photons."""
@@ -101,8 +102,8 @@ def coarse_breast(squeezed: CompressedBreast, gantry: Gantry, voxel_mm: float) -
     spacing = np.array([voxel_mm, voxel_mm, (high[2] - low[2]) / nz])
     below, above = _in_plates_mm(squeezed, mapped, gantry, low, (nx, ny))
     scale = (high[2] + below + above) / high[2] if high[2] > 0.0 else 1.0
-    shift = np.array([gantry.detector_edge_mm, 0.0, gantry.support_z_mm])
-    first, step = low + shift - [0.0, 0.0, below], spacing * [1.0, 1.0, scale]
+    first = low + gantry.origin_mm - [0.0, 0.0, below]
+    step = spacing * [1.0, 1.0, scale]
     labels = _staggered_labels(squeezed, mapped, first, 0.5 * step, (2 * nx, 2 * ny, 2 * nz))
     halves = np.empty((nx, ny, 2 * nz), np.float32)
     carry_density(*_axes(mapped, first, step * [1.0, 1.0, 0.5], halves.shape), mapped.nodes, halves)
@@ -185,7 +186,6 @@ def _in_plates_mm(
     """
     x = low_mm[0] + (np.arange(columns[0]) + 0.5)
     under = x > squeezed.plate_edge_mm - gantry.detector_edge_mm
-    shift = np.array([gantry.detector_edge_mm, 0.0, gantry.support_z_mm])
     levels = round(MAX_IN_PLATE_MM / _LEVEL_MM) + 1
     step = np.array([1.0, 1.0, _LEVEL_MM])
     depths = []
@@ -193,7 +193,7 @@ def _in_plates_mm(
         first = np.array([low_mm[0], low_mm[1], face_mm - (levels * _LEVEL_MM if down else 0.0)])
         labels = np.empty((*columns, levels), np.uint8)
         carry_labels(
-            *_axes(mapped, first + shift, step, labels.shape),
+            *_axes(mapped, first + gantry.origin_mm, step, labels.shape),
             mapped.nodes, squeezed.phantom.labels, labels,
         )  # fmt: skip
         tissue = labels[under] > 0
@@ -222,9 +222,8 @@ def _box_mm(
         cells = np.flatnonzero(mapped.tissue.any(axis=others))
         bounds.append((cells[0], cells[-1] + 1))
     index_low, index_high = np.array(bounds).T
-    shift = np.array([gantry.detector_edge_mm, 0.0, gantry.support_z_mm])
-    low = mapped.frame.position_mm(index_low) - shift
-    high = mapped.frame.position_mm(index_high) - shift
+    low = mapped.frame.position_mm(index_low) - gantry.origin_mm
+    high = mapped.frame.position_mm(index_high) - gantry.origin_mm
     low[0] = max(low[0], -BEHIND_EDGE_MM)
     high[0] = min(high[0], gantry.x_max_mm + BESIDE_FIELD_MM)
     low[1] = max(low[1], gantry.y_min_mm - BESIDE_FIELD_MM)

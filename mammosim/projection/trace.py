@@ -118,7 +118,7 @@ def _shared_out(traced: NDArray[np.float32], channels: Channels) -> NDArray[np.f
 def _beam(gantry: Gantry, mapped: VoxelMap) -> Beam:
     """The rays in grid units; the gantry's origin is the detector's edge at support height."""
     frame = mapped.frame
-    origin = frame.origin_mm - [gantry.detector_edge_mm, 0.0, gantry.support_z_mm]
+    origin = frame.origin_mm - gantry.origin_mm
     spot = (gantry.focal_spot_mm - origin) / frame.spacing_mm
     column_x = gantry.detector_mm(np.zeros(gantry.columns), np.arange(gantry.columns))[:, 0]
     row = gantry.detector_mm(np.arange(gantry.rows), np.zeros(gantry.rows))

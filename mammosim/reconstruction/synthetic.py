@@ -46,9 +46,7 @@ class Synthetic:
     pixels: NDArray[np.uint16]
 
 
-def synthetic_mammogram(
-    slices: NDArray[np.float32], slice_mm: float, pixel_mm: float, look: str = "crisp"
-) -> Synthetic:
+def synthetic_mammogram(slices: NDArray[np.float32], slice_mm: float, pixel_mm: float) -> Synthetic:
     """Make one picture of all slices.
 
     Parameters
@@ -57,8 +55,6 @@ def synthetic_mammogram(
         Attenuation coefficient, 1/mm; not `fdk`'s, whose mean is not known.
     slice_mm, pixel_mm : float
         Distance between slices, and between rows and columns, mm.
-    look : {"crisp", "soft"}
-        Of the processing for reading.
 
     Returns
     -------
@@ -89,4 +85,4 @@ def synthetic_mammogram(
     total *= np.float32(slice_mm)
     largest -= ndimage.gaussian_filter(largest, BIAS_MM / pixel_mm)
     attenuation = total + np.float32(DEPTH_MM) * largest
-    return Synthetic(attenuation, present(attenuation, pixel_mm, look=look).pixels)
+    return Synthetic(attenuation, present(attenuation, pixel_mm).pixels)

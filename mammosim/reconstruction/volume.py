@@ -167,7 +167,7 @@ def box_above(gantry: Gantry, shadow: Box, thickness_mm: float) -> Box:
     edges, spot = gantry.detector_mm(rows[:, None], columns).reshape(-1, 3), gantry.focal_spot_mm
     shares = ((height - edges[:, 2:]) / (spot[2] - edges[:, 2:]) for height in (0.0, thickness_mm))
     above = (edges + share * (spot - edges) for share in shares)
-    place = np.concatenate([gantry.pixel_of(x_mm, y_mm) for x_mm, y_mm, _ in (p.T for p in above)])
+    place = np.concatenate([gantry.pixel_of(*points_mm.T[:2]) for points_mm in above])
     low, high = np.floor(place.min(axis=0) + 0.5), np.ceil(place.max(axis=0) + 0.5)
     low, high = np.maximum(low, 0).astype(int), high.astype(int)
     return Box(

@@ -101,11 +101,11 @@ def shadow_of(scene: Scene, gantry: Gantry, field: Field) -> NDArray[np.bool_]:
     x, y, z, words = scene.space
     shape = (x.size - 1, y.size - 1, z.size - 1)
     mixtures = mixture_of(words).reshape(shape)
-    spot, turn = gantry.focal_spot_mm, gantry.detector_turn
-    v = 0.5 * (field.row_y_mm[1:] + field.row_y_mm[:-1]) - turn.y_mm
+    spot, plane = gantry.focal_spot_mm, -gantry.support_to_detector_mm
+    v = 0.5 * (field.row_y_mm[1:] + field.row_y_mm[:-1])
     u = 0.5 * (field.column_x_mm[1:] + field.column_x_mm[:-1])
-    w = -gantry.support_to_detector_mm - turn.z_mm
-    row_y, row_z = turn.cosine * v + turn.sine * w, turn.cosine * w - turn.sine * v
+    rows = np.stack([np.zeros(v.size), v, np.full(v.size, plane)], axis=-1)
+    _, row_y, row_z = gantry.gantry_from_detector(rows).T
     found = np.zeros((v.size, u.size), np.bool_)
     levels = scene.inner[2]
     for k in range(levels.start, levels.stop, 4):

@@ -1,4 +1,4 @@
-"""The scatter model `kernels`: layers made up from path lengths alone."""
+"""The scatter model `kernels`: layers built from path lengths alone."""
 
 from __future__ import annotations
 
@@ -98,19 +98,17 @@ def _columns_mm(
     short along each ray is shared among the columns that it crosses (Landweber's iteration, with
     the momentum of Beck and Teboulle 2009, SIAM J Imaging Sci 2:183).
     """
-    layers = _layers_of(gap_mm)
+    layers = [(low, high, face_mm + 0.5 * (low + high)) for low, high in _layers_of(gap_mm)]
     columns = grid.straight_above(upright_mm, face_mm + 0.5 * gap_mm)
+    if not layers:
+        return columns
     ahead, momentum = columns, 1.0
-    for _ in range(MARGIN_ITERATIONS if layers else 0):
+    for _ in range(MARGIN_ITERATIONS):
         left = upright_mm - sum(
-            grid.where_rays_cross(
-                _tissue_between(low, high, ahead, ahead, gap_mm), face_mm + 0.5 * (low + high)
-            )
-            for low, high in layers
+            grid.where_rays_cross(_tissue_between(low, high, ahead, ahead, gap_mm), height)
+            for low, high, height in layers
         )
-        shared = sum(
-            grid.straight_above(left, face_mm + 0.5 * (low + high)) for low, high in layers
-        )
+        shared = sum(grid.straight_above(left, height) for _, _, height in layers)
         before, columns = columns, np.clip(ahead + shared / len(layers), 0.0, gap_mm)
         faster = 0.5 + np.sqrt(0.25 + momentum**2)
         ahead = columns + (momentum - 1.0) / faster * (columns - before)

@@ -28,7 +28,6 @@ from mammosim.acquisition.scatter.convolution import scatter_by_kernels
 from mammosim.acquisition.scatter.open_beam import spectrum_of, support_of
 from mammosim.acquisition.scatter.scatter_case import DoseMap, Scatter, ScatterCase, ScatterDose
 from mammosim.acquisition.scatter.scene_layers import shape_of_scatter
-from mammosim.compression import CompressedBreast
 from mammosim.projection import coarse_breast
 
 VOXEL_MM = 1.0
@@ -76,15 +75,13 @@ def follow_through(case: ScatterCase) -> Scatter:
     inside = guide.below[m:-m, m:-m] & (mean > 0.0)
     noise = float(np.sqrt(np.mean((error[inside] / mean[inside]) ** 2))) if inside.any() else 0.0
     return Scatter(
-        mean * pixel_mm2, behind, "", noise, tallies.photons,
-        dose_of(case, scene, tables, tallies), (),
+        mean * pixel_mm2, behind, "", noise, tallies.photons, dose_of(case, scene, tables, tallies)
     )  # fmt: skip
 
 
 def transported(case: ScatterCase) -> tuple[Scene, PhotonTables, Tallies, NDArray[np.float64]]:
     """The photons' scene, tables and tallies, and the spectrum they were drawn from."""
-    assert case.breast is not None
-    scene = scene_of(case, case.breast)
+    scene = scene_of(case)
     lowest, highest = float(case.beam.energy_kev[0]), float(case.beam.energy_kev[-1])
     tables = photon_tables(scene.materials, lowest, highest)
     field = image_field(case.gantry, case.cell)
@@ -101,8 +98,10 @@ def transported(case: ScatterCase) -> tuple[Scene, PhotonTables, Tallies, NDArra
     return scene, tables, tallies, spectrum
 
 
-def scene_of(case: ScatterCase, breast: CompressedBreast) -> Scene:
+def scene_of(case: ScatterCase) -> Scene:
     """Breast, paddle and support."""
+    breast = case.breast
+    assert breast is not None
     edge_mm = breast.plate_edge_mm - case.gantry.detector_edge_mm
     plates = Plates(
         BEAM_MATERIALS["polycarbonate"], support_of(case), case.paddle_mm, case.support_mm, edge_mm

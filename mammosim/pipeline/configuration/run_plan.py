@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mammosim.acquisition import magnified_doubts
+from mammosim.acquisition import magnification_warnings
 from mammosim.compression import MODELS, CompressionSettings
 from mammosim.errors import InputError
 from mammosim.phantom import PhantomSettings, address_bytes, expected_voxels
@@ -237,7 +237,7 @@ def _warnings(config: RunConfig) -> list[str]:
         known = {name: value for name, value in given.items() if value is not None}
         texts = [str(doubt) for doubt in doubts(known)]
         if sweep is None:  # whose tube turns about a breast on the detector
-            texts += magnified_doubts(
+            texts += magnification_warnings(
                 view.projection.magnification,
                 view.acquisition.focal_spot_mm,
                 view.acquisition.grid,
