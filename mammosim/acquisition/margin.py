@@ -95,7 +95,7 @@ PLATEAU_QUANTILE = 0.05
 MAX_GLAND = 1.0
 """The darkest of what is that deep holds no more gland than this (ln): 4 cm."""
 
-EDGE_GAIN, EDGE_GAIN_MM = 0.9, (1.5, 4.5)
+EDGE_GAIN, EDGE_GAIN_MM = 0.95, (1.5, 4.0)
 """By how much skin and nipple are raised towards the level of gland, and the depths up to which
 this is done in full and beyond which not at all. On clinical images both are about as bright as
 gland: their filters bring out what stands against the black of air. Set by eye."""

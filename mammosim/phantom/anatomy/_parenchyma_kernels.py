@@ -32,7 +32,7 @@ from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut
 
 NOT_COUNTED, UNDECIDED, TUBE, VESSEL, IN_MUSCLE = 0, 1, 2, 3, 4
 
-MUSCLE_FAT = 0.22
+MUSCLE_FAT = 0.15
 """Mean thickness of the fat between bundles of muscle, mm. Chosen."""
 
 

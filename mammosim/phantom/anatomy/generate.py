@@ -88,8 +88,8 @@ GLAND_CAP = 0.42
 """The potential above the threshold counts for no more: holes of fat, an eighth of the volume, stay
 within compact gland. Chosen by eye."""
 
-MUSCLE_STREAKS = 1.5
-"""Standard deviations of the finest noise above which muscle is fat: a fifteenth of it."""
+MUSCLE_STREAKS = 1.3
+"""Standard deviations of the finest noise above which muscle is fat: a tenth of it."""
 
 FINE_SEPTUM = 0.4
 """Thickness of the septa within lobules against those between them. Chosen by eye."""

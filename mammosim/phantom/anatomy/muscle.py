@@ -20,7 +20,7 @@ from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, mes
 COVER_MM = 7.0
 """Least skin and fat over the muscle, mm."""
 
-FAT_IN_MUSCLE = 0.117
+FAT_IN_MUSCLE = 0.122
 """Share of fat between and within the muscle's bundles, as their walls and streaks make it."""
 
 BUNDLE_MM, BUNDLE_LENGTH = 8.0, 3.5
