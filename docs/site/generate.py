@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,9 @@ from mammosim.pipeline import RunConfig
 DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
 
+sys.path.insert(0, str(Path(__file__).parent))  # of the module beside this one
+from sources import sources_page  # noqa: E402
+
 OUTSIDE = re.compile(
     r"\[([^\]]*)\]\(((?:\.\./)+(?:benchmarks|configs|mammosim|tests|[A-Z]+\.md)[^)]*)\)"
 )
@@ -37,7 +41,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     )
     pages = [_entry(path) for path in sorted((DOCS / "reference").glob("*.md"))]
     made = [{"Settings": "reference/settings.md"}, {"Python": "reference/python.md"}]
-    nav.append({"Reference": [*made, *pages]})
+    nav.append({"Reference": [*made, *pages, {"Sources": "reference/sources.md"}]})
     nav.append({"Changes": "changelog.md"})
     nav.append({"Contributing": "contributing.md"})
     config.nav = nav
@@ -52,6 +56,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "contributing.md": (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"),
         "reference/settings.md": settings_page(),
         "reference/python.md": python_page(),
+        "reference/sources.md": sources_page(),
     }
     for path in sorted((DOCS / "tutorials").glob("*.ipynb")):
         made[f"tutorials/{path.stem}.md"] = notebook_page(path)

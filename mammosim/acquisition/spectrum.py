@@ -23,8 +23,8 @@ from mammosim.errors import InputError
 # European guidelines (4th edition, 2006, part 2A/B) name 30 um Mo, 25 um Rh (50 um on W tubes),
 # 50 um Ag; 0.7 mm Al is that of W/Al tomosynthesis systems (Hologic, Dance & Young 2011).
 # High-energy exposures of contrast-enhanced mammography: 0.3 mm Cu on Hologic's units, 1 mm Ti on
-# Siemens' (thicknesses as makers state them, from memory); Cu or Ti at 45 to 49 kV: Eur Radiol
-# 2015, "Contrast-enhanced dual-energy mammography", 10.1007/s00330-015-4007-6.
+# Siemens' (thicknesses as makers state them, from memory); Cu or Ti at 45 to 49 kV:
+# doi 10.1007/s00330-015-4007-6, introduction.
 FILTER_MM: dict[str, float] = {
     "Mo": 0.030, "Rh": 0.025, "Ag": 0.050, "Al": 0.700, "Cu": 0.300, "Ti": 1.000
 }  # fmt: skip

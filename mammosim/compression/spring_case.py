@@ -18,7 +18,7 @@ from mammosim.phantom import BreastPhantom
 from mammosim.tissues import density_g_cm3, stiffening
 
 GRAVITY_M_S2 = 9.80665
-"""Standard acceleration of free fall (3rd General Conference on Weights and Measures, 1901)."""
+"""Standard acceleration of free fall (CGPM 1901)."""
 
 DOWN = (0.0, 0.0, -1.0)
 """Where weight pulls, breast frame: the patient stands."""

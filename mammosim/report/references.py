@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mammosim.bibliography import works
 from mammosim.compression import MODELS
 
 
@@ -28,145 +29,36 @@ class Reference:
     doi: str = ""
 
 
+def _of_work(used_for: str, key: str) -> Reference:
+    work = works()[key]
+    return Reference(used_for, work.citation, work.doi)
+
+
 REFERENCES: dict[str, Reference] = {
-    "springs": Reference(
-        "spring model of compression",
-        "Zyganitidis C, Bliznakova K, Pallikarakis N. A novel simulation algorithm for soft tissue "
-        "compression. Med Biol Eng Comput 45:661-669, 2007.",
-        "10.1007/s11517-007-0205-y",
+    "springs": _of_work("spring model of compression", "zyganitidis2007"),
+    "wellman": _of_work("stiffness set 'thesis'", "wellman1999"),
+    "victre": _of_work("labels, densities and stiffness set 'victre'", "badano2018"),
+    "spekpy": _of_work("X-ray spectrum", "bujila2020"),
+    "xraylib": _of_work("attenuation coefficients", "schoonjans2011"),
+    "hammerstein": _of_work("composition of adipose and glandular tissue", "hammerstein1979"),
+    "boone": _of_work("published ranges of scatter and thickness", "boone2000"),
+    "dance1990": _of_work("mean glandular dose, factor g", "dance1990"),
+    "dance2000": _of_work("mean glandular dose, factors c and s", "dance2000"),
+    "dance2009": _of_work("mean glandular dose, factor s for further spectra", "dance2009"),
+    "samani": _of_work("spread of tissue stiffness (uncertainty)", "samani2007"),
+    "krouskop": _of_work(
+        "stiffness set 'krouskop', spread of tissue stiffness (uncertainty)", "krouskop1998"
     ),
-    "wellman": Reference(
-        "stiffness set 'thesis'",
-        "Wellman P, Howe RD, Dalton E, Kern KA. Breast tissue stiffness in compression is "
-        "correlated to histological diagnosis. Harvard BioRobotics Laboratory Technical Report, "
-        "1999.",
-    ),
-    "victre": Reference(
-        "labels, densities and stiffness set 'victre'",
-        "Badano A, Graff CG, Badal A, et al. Evaluation of digital breast tomosynthesis as "
-        "replacement of full-field digital mammography using an in silico imaging trial. "
-        "JAMA Netw Open 1(7):e185474, 2018.",
-        "10.1001/jamanetworkopen.2018.5474",
-    ),
-    "spekpy": Reference(
-        "X-ray spectrum",
-        "Bujila R, Omar A, Poludniowski G. A validation of SpekPy: a software toolkit for "
-        "modelling X-ray tube spectra. Phys Med 75:44-54, 2020.",
-        "10.1016/j.ejmp.2020.04.026",
-    ),
-    "xraylib": Reference(
-        "attenuation coefficients",
-        "Schoonjans T, Brunetti A, Golosio B, et al. The xraylib library for X-ray-matter "
-        "interactions. Recent developments. Spectrochim Acta B 66:776-784, 2011.",
-        "10.1016/j.sab.2011.09.011",
-    ),
-    "hammerstein": Reference(
-        "composition of adipose and glandular tissue",
-        "Hammerstein GR, Miller DW, White DR, et al. Absorbed radiation dose in mammography. "
-        "Radiology 130:485-491, 1979.",
-        "10.1148/130.2.485",
-    ),
-    "boone": Reference(
-        "published ranges of scatter and thickness",
-        "Boone JM, Lindfors KK, Cooper VN, Seibert JA. Scatter/primary in mammography: "
-        "comprehensive results. Med Phys 27:2408-2416, 2000.",
-        "10.1118/1.1312812",
-    ),
-    "dance1990": Reference(
-        "mean glandular dose, factor g",
-        "Dance DR. Monte Carlo calculation of conversion factors for the estimation of mean "
-        "glandular breast dose. Phys Med Biol 35:1211-1219, 1990.",
-        "10.1088/0031-9155/35/9/002",
-    ),
-    "dance2000": Reference(
-        "mean glandular dose, factors c and s",
-        "Dance DR, Skinner CL, Young KC, Beckett JR, Kotre CJ. Additional factors for the "
-        "estimation of mean glandular breast dose using the UK mammography dosimetry protocol. "
-        "Phys Med Biol 45:3225-3240, 2000.",
-        "10.1088/0031-9155/45/11/308",
-    ),
-    "dance2009": Reference(
-        "mean glandular dose, factor s for further spectra",
-        "Dance DR, Young KC, van Engen RE. Further factors for the estimation of mean glandular "
-        "dose using the United Kingdom, European and IAEA breast dosimetry protocols. "
-        "Phys Med Biol 54:4361-4372, 2009.",
-        "10.1088/0031-9155/54/14/002",
-    ),
-    "samani": Reference(
-        "spread of tissue stiffness (uncertainty)",
-        "Samani A, Zubovits J, Plewes D. Elastic moduli of normal and pathological human breast "
-        "tissues: an inversion-technique-based investigation of 169 samples. Phys Med Biol "
-        "52:1565-1576, 2007.",
-        "10.1088/0031-9155/52/6/002",
-    ),
-    "krouskop": Reference(
-        "stiffness set 'krouskop', spread of tissue stiffness (uncertainty)",
-        "Krouskop TA, Wheeler TM, Kallel F, Garra BS, Hall T. Elastic moduli of breast and "
-        "prostate tissues under compression. Ultrason Imaging 20:260-274, 1998.",
-        "10.1177/016173469802000403",
-    ),
-    "aspiration": Reference(
-        "stiffness set 'aspiration'",
-        "In vivo measurement of breast tissues stiffness using a light aspiration device. Seven "
-        "women: skin 56.3 kPa, fat and gland 3.04 kPa.",
-    ),
-    "hauge": Reference(
-        "spread of the compressed thickness (uncertainty)",
-        "Hauge IHR, Hogg P, Szczepura K, Connolly P, McGill G, Mercer C. The readout thickness "
-        "versus the measured thickness for a range of screen film mammography and full-field "
-        "digital mammography units. Med Phys 39:263-271, 2012.",
-        "10.1118/1.3663579",
-    ),
-    "plotly": Reference(
-        "3-D view of the report",
-        "Plotly Technologies Inc. Plotly.js, an open-source JavaScript charting library, MIT "
-        "licence. Montreal, 2012-2026.",
-    ),
-    "numba": Reference(
-        "compiled kernels",
-        "Lam SK, Pitrou A, Seibert S. Numba: a LLVM-based Python JIT compiler. Proc LLVM-HPC, "
-        "2015.",
-        "10.1145/2833157.2833162",
-    ),
-    "dance2011": Reference(
-        "dose of a tube angle over that of the upright tube",
-        "Dance DR, Young KC, van Engen RE. Estimation of mean glandular dose for breast "
-        "tomosynthesis: factors for use with the UK, European and IAEA breast dosimetry protocols. "
-        "Phys Med Biol 56:453-471, 2011.",
-        "10.1088/0031-9155/56/2/011",
-    ),
-    "rtk": Reference(
-        "slices of tomosynthesis",
-        "Rit S, Vila Oliva M, Brousmiche S, et al. The Reconstruction Toolkit (RTK), an "
-        "open-source cone-beam CT reconstruction toolkit based on the Insight Toolkit (ITK). "
-        "J Phys Conf Ser 489:012079, 2014.",
-        "10.1088/1742-6596/489/1/012079",
-    ),
-    "numpy": Reference(
-        "arrays",
-        "Harris CR, Millman KJ, van der Walt SJ, et al. Array programming with NumPy. "
-        "Nature 585:357-362, 2020.",
-        "10.1038/s41586-020-2649-2",
-    ),
-    "scipy": Reference(
-        "numerical algorithms",
-        "Virtanen P, Gommers R, Oliphant TE, et al. SciPy 1.0: fundamental algorithms for "
-        "scientific computing in Python. Nat Methods 17:261-272, 2020.",
-        "10.1038/s41592-019-0686-2",
-    ),
-    "highdicom": Reference(
-        "DICOM segmentation",
-        "Bridge CP, Gorman C, Pieper S, et al. Highdicom: a Python library for standardized "
-        "encoding of image annotations and machine learning model outputs in pathology and "
-        "radiology. J Digit Imaging 35:1719-1737, 2022.",
-        "10.1007/s10278-022-00683-y",
-    ),
-    "simpleitk": Reference(
-        "NIfTI volumes",
-        "Lowekamp BC, Chen DT, Ibanez L, Blezek D. The design of SimpleITK. "
-        "Front Neuroinform 7:45, 2013.",
-        "10.3389/fninf.2013.00045",
-    ),
+    "aspiration": _of_work("stiffness set 'aspiration'", "aspiration"),
+    "hauge": _of_work("spread of the compressed thickness (uncertainty)", "hauge2012"),
+    "plotly": _of_work("3-D view of the report", "plotly2012"),
+    "numba": _of_work("compiled kernels", "lam2015"),
+    "dance2011": _of_work("dose of a tube angle over that of the upright tube", "dance2011"),
+    "rtk": _of_work("slices of tomosynthesis", "rit2014"),
+    "numpy": _of_work("arrays", "harris2020"),
+    "scipy": _of_work("numerical algorithms", "virtanen2020"),
+    "highdicom": _of_work("DICOM segmentation", "bridge2022"),
+    "simpleitk": _of_work("NIfTI volumes", "lowekamp2013"),
 }
 """Every reference by its key."""
 

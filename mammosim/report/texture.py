@@ -11,7 +11,7 @@ from scipy import ndimage
 from mammosim.acquisition import Mammogram
 
 SQUARE_MM = 25.0
-"""Side of the regions, as Burgess and colleagues took them (Med Phys 28:419, 2001), mm."""
+"""Side of the regions, as Burgess et al. 2001 (Med Phys 28:419) took them, mm."""
 
 BAND_PER_MM = (0.15, 0.7)
 """Frequencies of the fit: below, the window's own shape; above, noise and blur, 1/mm."""

@@ -1,6 +1,6 @@
 """The anti-scatter grid by direction: how much of a photon's energy its strips let through.
 
-Day GJ, Dance DR 1983, "X-ray transmission formula for antiscatter grids", Phys Med Biol 28:1429.
+Day & Dance 1983, "X-ray transmission formula for antiscatter grids", Phys Med Biol 28:1429.
 """
 
 from __future__ import annotations

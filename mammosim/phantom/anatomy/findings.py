@@ -32,9 +32,9 @@ plaque's length: median, mm, and spread of its logarithm. Chosen by eye: tracks 
 their plaques are of unequal size."""
 
 VASCULAR_SHARE, OTHER_SHARE = 0.079, 0.15
-"""Share of breasts with calcified arteries, of 6156 consecutive women (Cetin et al. 2004,
-"Mammographically detected breast arterial calcifications"), and with other benign calcifications
-(assumed)."""
+"""Share of breasts with calcified arteries, of 6156 consecutive women (7.9 per cent:
+PubMed 16890393, "Mammographically detected breast arterial calcifications"), and with other benign
+calcifications (assumed)."""
 
 Vector = NDArray[np.float64]
 

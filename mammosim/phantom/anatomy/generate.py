@@ -75,7 +75,7 @@ FAN_SHARE, FAN_PER_RADIAN = (0.46, 0.40, 0.36), (6.0, 14.0, 32.0)
 
 GRAIN_AMPLITUDE, GRAIN_MM = (0.14, 0.16, 0.20), (6.0, 3.1, 1.6)
 """Isotropic detail, by amplitude and wavelength, until projections have the exponent of
-mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 1999, Proc SPIE 3659)."""
+mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 2003, Proc SPIE 5034)."""
 
 NOISE_LIMIT = 1.5
 """Strands and grain together count for no more: beyond it blocks are decided without them."""

@@ -10,7 +10,7 @@ from mammosim.geometry import VoxelFrame
 
 TILE_EXPONENT = 2.4
 """Of the power spectrum over frequency of the finest noise, in three dimensions, as that of
-projections, in which it is the same (Burgess 1999, Proc SPIE 3659)."""
+projections, in which it is the same (Burgess 2003, Proc SPIE 5034, for projections)."""
 
 
 def smooth_noise(

@@ -11,7 +11,7 @@ from mammosim.phantom.anatomy.outline import mesh
 
 LOWER_SHARE = 0.12
 """How much thicker skin is in the lower part of the breast, and thinner in the upper one, relative
-(Willson et al. 1982, AJR 138: thickest below and medially)."""
+(Willson et al. 1982, Clin Radiol 33:691: thickest below and medially)."""
 
 UNEVEN_SHARE = ((0.17, 40.0), (0.11, 11.0))
 """Relative amplitude and wavelength (mm) of the skin's unevenness. Chosen."""
