@@ -142,7 +142,7 @@ def _default(field: Any) -> str:
     if field.default is PydanticUndefined:
         return "must be given" if field.default_factory is None else ""
     if field.default is None:
-        return "left out"
+        return "–"
     if isinstance(field.default, Settings | tuple):
         return ""
     return f"`{str(field.default).lower() if field.default in (True, False) else field.default}`"

@@ -12,124 +12,126 @@ class ScatterKeys(TypedDict, total=False):
 
     model: Literal["monte-carlo", "kernels", "none"]
     """Scatter model: monte-carlo (photons followed through the compressed breast), kernels (layers
-    made up from path lengths) or none. Default: monte-carlo."""
+    built from path lengths) or none. Default: monte-carlo."""
 
     photons: int | None
-    """Photons that monte-carlo follows, 10 thousand to 1 billion; left out: 160 thousand, for about
-    2 per cent of noise in the breast."""
+    """Number of photons that monte-carlo follows, 10 thousand to 1 billion; default: 160 thousand,
+    for about 2 per cent noise in the breast."""
 
 
 class ContrastKeys(TypedDict, total=False):
     """Keys of `ContrastSettings`."""
 
     lesion_mg_ml: float
-    """Iodine in masses, mg/mL; 1 is the middle of 0.5 to 2, with which test phantoms are made.
-    Default: 1.0."""
+    """Iodine in masses, mg/mL; 1 is in the middle of the 0.5 to 2 of test phantoms. Default:
+    1.0."""
 
     parenchyma_mg_ml: float
-    """Iodine in gland, ducts and lobules, mg/mL; 0.1, a minimal background (assumed). Default:
-    0.1."""
+    """Iodine in gland, ducts and lobules, mg/mL; 0.1 is minimal background enhancement (assumed).
+    Default: 0.1."""
 
     blood_mg_ml: float
-    """Iodine in vessels, mg/mL; 1.3 where 1.5 mL/kg of 300 mg/mL have spread over 0.2 L/kg outside
-    of cells, and plasma is 0.58 of blood (assumed). Default: 1.3."""
+    """Iodine in vessels, mg/mL; 1.3 if 1.5 mL/kg of 300 mg/mL have spread over 0.2 L/kg of
+    extracellular volume, and plasma is 0.58 of blood (assumed). Default: 1.3."""
 
     filter: Literal["Mo", "Rh", "Ag", "Al", "Cu", "Ti"]
     """Filter of the high-energy exposure: Cu or Ti, or any other. Default: Cu."""
 
     filter_mm: float | None
-    """Its thickness in mm; left out, the usual one: Cu 0.300, Ti 1.000."""
+    """Filter thickness, mm; default: the usual one, Cu 0.300, Ti 1.000."""
 
     kvp: float
-    """Tube voltage of the high-energy exposure in kV; systems use 45 to 49, and below 34 no photon
-    passes the K edge of iodine (33.2 keV). Default: 49.0."""
+    """Tube voltage of the high-energy exposure, kV; systems use 45 to 49, and below 34 no photon
+    exceeds the K edge of iodine (33.2 keV). Default: 49.0."""
 
     mas: float | None
-    """Its tube load in mAs; left out, what gives 0.43 of the low-energy exposure's glandular dose,
-    the middle of what was measured in patients."""
+    """Tube load of the high-energy exposure, mAs; default: for 0.43 of the low-energy exposure's
+    glandular dose, the middle of what was measured in patients."""
 
 
 class AcquisitionKeys(TypedDict, total=False):
     """Keys of `AcquisitionSettings`."""
 
     target: Literal["W", "Mo", "Rh"]
-    """Anode material: W, Mo or Rh; tungsten is that of most systems sold today. Default: W."""
+    """Anode material: W, Mo or Rh; most systems sold today have tungsten. Default: W."""
 
     filter: Literal["Mo", "Rh", "Ag", "Al", "Cu", "Ti"]
     """Filter material: Mo, Rh, Ag or Al; Cu or Ti for high energies. Default: Rh."""
 
     filter_mm: float | None
-    """Filter thickness in mm; left out: Mo 0.030, Rh 0.025 (on tungsten 0.050), Ag 0.050, Al 0.700,
-    Cu 0.300, Ti 1.000."""
+    """Filter thickness, mm; default: Mo 0.030, Rh 0.025 (on tungsten 0.050), Ag 0.050, Al 0.700, Cu
+    0.300, Ti 1.000."""
 
     kvp: float | None
-    """Tube voltage in kV, 20 to 49; left out: chosen by the compressed thickness."""
+    """Tube voltage, kV, 20 to 49; default: chosen by the compressed thickness."""
 
     mas: float | None
-    """Tube load in mAs; left out: automatic exposure control, which gives at most 600 mAs."""
+    """Tube load, mAs; default: automatic exposure control, up to 600 mAs."""
 
     spectrum_file: str | None
-    """Path of a spectrum of two columns, keV and photons a bin per mm2 and mAs at 1 m behind the
-    filter, used in place of the tube model."""
+    """Path of a spectrum in two columns, keV and photons per bin, per mm2 and mAs, at 1 m behind
+    the filter, used instead of the tube model."""
 
     heel: bool
-    """Whether the beam weakens towards the nipple, where the anode is (heel effect); off, since
-    clinical systems take it out of their pictures. Default: False."""
+    """Whether the beam weakens towards the nipple, which is on the anode side (heel effect); off,
+    since clinical systems correct for it. Default: False."""
 
     focal_spot_mm: float
-    """Side of the square focal spot in mm; 0.3 is the nominal large spot of mammography tubes.
+    """Side of the square focal spot, mm; 0.3 is the nominal large focal spot of mammography tubes.
     Default: 0.3."""
 
     paddle_mm: float
-    """Polycarbonate of the compression paddle in mm. Default: 3.0."""
+    """Thickness of the polycarbonate paddle, mm. Default: 3.0."""
 
     support_mm: float
-    """Breast support and detector cover in mm. Default: 1.0."""
+    """Thickness of the breast support and detector cover, mm. Default: 1.0."""
 
     support_material: Literal["carbon fibre", "polystyrene", "polycarbonate"]
-    """What breast support and detector cover are made of: carbon fibre, polystyrene or
+    """Material of the breast support and detector cover: carbon fibre, polystyrene or
     polycarbonate. Default: carbon fibre."""
 
     composition: str
-    """What tissues are made of: hammerstein, icru44, woodard, or the path of a YAML file. Default:
-    hammerstein."""
+    """Composition of the tissues: hammerstein, icru44, woodard, or the path of a YAML file.
+    Default: hammerstein."""
 
     calcification: Literal["oxalate", "carbonate", "hydroxyapatite"]
-    """What calcifications are made of: hydroxyapatite, oxalate or carbonate. Default:
-    hydroxyapatite."""
+    """Material of calcifications: hydroxyapatite, oxalate or carbonate. Default: hydroxyapatite."""
 
     scatter: bool | ScatterSettings | ScatterKeys
     """Scattered radiation: true for the default model, false for none, or a section with the
     model's name. Default: True."""
 
     contrast: ContrastSettings | ContrastKeys | None
-    """A contrast agent: a high-energy exposure follows the mammogram, and both are recombined to an
-    image of iodine. Left out, there is none."""
+    """A contrast agent: a high-energy exposure follows the mammogram, and both are recombined into
+    an iodine image. Default: none."""
 
     grid: bool
     """Whether an anti-scatter grid is in front of the detector. Default: True."""
 
     grid_primary_transmission: float | None
-    """Part of the primary that the grid lets through; 0.75 is usual for 5:1 at 31 lines per cm;
-    null: that of the grid's strips by their thickness. Default: 0.75."""
+    """Fraction of the primary that the grid transmits; 0.75 is usual for 5:1 at 31 lines per cm;
+    null: that of the grid's strips, from their thickness. Default: 0.75."""
 
     grid_scatter_transmission: float | None
-    """Part of the scatter that the grid lets through; published values are 0.07 to 0.14; null: by
+    """Fraction of the scatter that the grid transmits; published values are 0.07 to 0.14; null: by
     the direction of each photon (monte-carlo only). Default: 0.1."""
 
     detector: Literal["a-Se-70", "a-Se-85", "CsI-100", "ideal"]
-    """Detector: a-Se-70, a-Se-85, CsI-100 or ideal; any works with any pixel. Default: a-Se-70."""
+    """Detector: a-Se-70, a-Se-85, CsI-100 or ideal; each works with any pixel size. Default:
+    a-Se-70."""
 
     look: Literal["crisp", "soft"]
     """Processing of the For Presentation image: crisp enhances local contrast and leaves the grain
-    visible, soft does little of either. The For Processing image is the same. Default: crisp."""
+    visible, soft does little of either. The For Processing image does not change. Default:
+    crisp."""
 
     noise: bool
     """Whether quantum, electronic and fixed-pattern noise are added. Default: True."""
 
     noise_seed: int | None
-    """Seed of the noise alone, for another exposure of the same breast; left out, it follows from
-    the run's seed."""
+    """Seed of the noise alone, for another exposure of the same breast; default: derived from the
+    run's seed."""
 
     realisations: int | None
-    """Draws of the noise of one exposure, each written as `..._001` and so on; left out, one."""
+    """Number of noise realisations of one exposure, each written as `..._001` and so on; default:
+    one."""

@@ -87,8 +87,8 @@ class ScatterSettings(Settings):
     built from path lengths) or none."""
 
     photons: int | None = Field(default=None, ge=10_000, le=1_000_000_000)
-    """Photons that monte-carlo follows, 10 thousand to 1 billion; left out: 160 thousand, for about
-    2 per cent of noise in the breast."""
+    """Number of photons that monte-carlo follows, 10 thousand to 1 billion; default: 160 thousand,
+    for about 2 per cent noise in the breast."""
 
 
 def _scatter_kind(value: object) -> str | None:
@@ -111,111 +111,114 @@ class ContrastSettings(Settings):
     """A contrast agent in the breast, and the high-energy exposure that follows the mammogram."""
 
     lesion_mg_ml: float = Field(default=1.0, ge=0.0, le=50.0)
-    """Iodine in masses, mg/mL; 1 is the middle of 0.5 to 2, with which test phantoms are made."""
+    """Iodine in masses, mg/mL; 1 is in the middle of the 0.5 to 2 of test phantoms."""
 
     parenchyma_mg_ml: float = Field(default=0.1, ge=0.0, le=50.0)
-    """Iodine in gland, ducts and lobules, mg/mL; 0.1, a minimal background (assumed)."""
+    """Iodine in gland, ducts and lobules, mg/mL; 0.1 is minimal background enhancement
+    (assumed)."""
 
     blood_mg_ml: float = Field(default=1.3, ge=0.0, le=50.0)
-    """Iodine in vessels, mg/mL; 1.3 where 1.5 mL/kg of 300 mg/mL have spread over 0.2 L/kg outside
-    of cells, and plasma is 0.58 of blood (assumed)."""
+    """Iodine in vessels, mg/mL; 1.3 if 1.5 mL/kg of 300 mg/mL have spread over 0.2 L/kg of
+    extracellular volume, and plasma is 0.58 of blood (assumed)."""
 
     filter: Filter = "Cu"
     """Filter of the high-energy exposure: Cu or Ti, or any other."""
 
     filter_mm: float | None = Field(default=None, ge=1e-4, le=5.0)
-    """Its thickness in mm; left out, the usual one: Cu 0.300, Ti 1.000."""
+    """Filter thickness, mm; default: the usual one, Cu 0.300, Ti 1.000."""
 
     kvp: float = Field(default=49.0, ge=34.0, le=KVP_RANGE[1])
-    """Tube voltage of the high-energy exposure in kV; systems use 45 to 49, and below 34 no photon
-    passes the K edge of iodine (33.2 keV)."""
+    """Tube voltage of the high-energy exposure, kV; systems use 45 to 49, and below 34 no photon
+    exceeds the K edge of iodine (33.2 keV)."""
 
     mas: TubeLoad = None
-    """Its tube load in mAs; left out, what gives 0.43 of the low-energy exposure's glandular dose,
-    the middle of what was measured in patients."""
+    """Tube load of the high-energy exposure, mAs; default: for 0.43 of the low-energy exposure's
+    glandular dose, the middle of what was measured in patients."""
 
 
 class AcquisitionSettings(Settings):
     """How the compressed breast is exposed and what the detector records."""
 
     target: Target = "W"
-    """Anode material: W, Mo or Rh; tungsten is that of most systems sold today."""
+    """Anode material: W, Mo or Rh; most systems sold today have tungsten."""
 
     filter: Filter = "Rh"
     """Filter material: Mo, Rh, Ag or Al; Cu or Ti for high energies."""
 
     filter_mm: float | None = Field(default=None, ge=1e-4, le=5.0)
-    """Filter thickness in mm; left out: Mo 0.030, Rh 0.025 (on tungsten 0.050), Ag 0.050,
-    Al 0.700, Cu 0.300, Ti 1.000."""
+    """Filter thickness, mm; default: Mo 0.030, Rh 0.025 (on tungsten 0.050), Ag 0.050, Al 0.700, Cu
+    0.300, Ti 1.000."""
 
     kvp: Voltage = None
-    """Tube voltage in kV, 20 to 49; left out: chosen by the compressed thickness."""
+    """Tube voltage, kV, 20 to 49; default: chosen by the compressed thickness."""
 
     mas: TubeLoad = None
-    """Tube load in mAs; left out: automatic exposure control, which gives at most 600 mAs."""
+    """Tube load, mAs; default: automatic exposure control, up to 600 mAs."""
 
     spectrum_file: str | None = None
-    """Path of a spectrum of two columns, keV and photons a bin per mm2 and mAs at 1 m behind the
-    filter, used in place of the tube model."""
+    """Path of a spectrum in two columns, keV and photons per bin, per mm2 and mAs, at 1 m behind
+    the filter, used instead of the tube model."""
 
     heel: bool = False
-    """Whether the beam weakens towards the nipple, where the anode is (heel effect); off, since
-    clinical systems take it out of their pictures."""
+    """Whether the beam weakens towards the nipple, which is on the anode side (heel effect); off,
+    since clinical systems correct for it."""
 
     focal_spot_mm: float = Field(default=0.3, ge=0.0, le=2.0)
-    """Side of the square focal spot in mm; 0.3 is the nominal large spot of mammography tubes."""
+    """Side of the square focal spot, mm; 0.3 is the nominal large focal spot of mammography
+    tubes."""
 
     paddle_mm: float = Field(default=3.0, ge=0.0, le=20.0)
-    """Polycarbonate of the compression paddle in mm."""
+    """Thickness of the polycarbonate paddle, mm."""
 
     support_mm: float = Field(default=1.0, ge=0.0, le=10.0)
-    """Breast support and detector cover in mm."""
+    """Thickness of the breast support and detector cover, mm."""
 
     support_material: SupportMaterial = "carbon fibre"
-    """What breast support and detector cover are made of: carbon fibre, polystyrene or
+    """Material of the breast support and detector cover: carbon fibre, polystyrene or
     polycarbonate."""
 
     composition: Composition = "hammerstein"
-    """What tissues are made of: hammerstein, icru44, woodard, or the path of a YAML file."""
+    """Composition of the tissues: hammerstein, icru44, woodard, or the path of a YAML file."""
 
     calcification: Calcification = "hydroxyapatite"
-    """What calcifications are made of: hydroxyapatite, oxalate or carbonate."""
+    """Material of calcifications: hydroxyapatite, oxalate or carbonate."""
 
     scatter: Scatter = True
     """Scattered radiation: true for the default model, false for none, or a section with the
     model's name."""
 
     contrast: ContrastSettings | None = None
-    """A contrast agent: a high-energy exposure follows the mammogram, and both are recombined to an
-    image of iodine. Left out, there is none."""
+    """A contrast agent: a high-energy exposure follows the mammogram, and both are recombined into
+    an iodine image. Default: none."""
 
     grid: bool = True
     """Whether an anti-scatter grid is in front of the detector."""
 
     grid_primary_transmission: float | None = Field(default=0.75, ge=0.01, le=1.0)
-    """Part of the primary that the grid lets through; 0.75 is usual for 5:1 at 31 lines per cm;
-    null: that of the grid's strips by their thickness."""
+    """Fraction of the primary that the grid transmits; 0.75 is usual for 5:1 at 31 lines per cm;
+    null: that of the grid's strips, from their thickness."""
 
     grid_scatter_transmission: float | None = Field(default=0.10, ge=0.0, le=1.0)
-    """Part of the scatter that the grid lets through; published values are 0.07 to 0.14; null: by
+    """Fraction of the scatter that the grid transmits; published values are 0.07 to 0.14; null: by
     the direction of each photon (monte-carlo only)."""
 
     detector: DetectorName = "a-Se-70"
-    """Detector: a-Se-70, a-Se-85, CsI-100 or ideal; any works with any pixel."""
+    """Detector: a-Se-70, a-Se-85, CsI-100 or ideal; each works with any pixel size."""
 
     look: LookName = "crisp"
     """Processing of the For Presentation image: crisp enhances local contrast and leaves the grain
-    visible, soft does little of either. The For Processing image is the same."""
+    visible, soft does little of either. The For Processing image does not change."""
 
     noise: bool = True
     """Whether quantum, electronic and fixed-pattern noise are added."""
 
     noise_seed: int | None = Field(default=None, ge=0, le=2**63 - 1)
-    """Seed of the noise alone, for another exposure of the same breast; left out, it follows from
-    the run's seed."""
+    """Seed of the noise alone, for another exposure of the same breast; default: derived from the
+    run's seed."""
 
     realisations: int | None = Field(default=None, ge=1, le=999)
-    """Draws of the noise of one exposure, each written as `..._001` and so on; left out, one."""
+    """Number of noise realisations of one exposure, each written as `..._001` and so on; default:
+    one."""
 
     @property
     def scatter_model(self) -> str:

@@ -48,10 +48,11 @@ def run(
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="A Dask scheduler; left out: this machine."),
+        typer.Option(metavar="ADDRESS", help="Address of a Dask scheduler; default: this machine."),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Workers on this machine; left out: as many as fit.")
+        int | None,
+        typer.Option(min=1, help="Number of workers on this machine; default: as many as fit."),
     ] = None,
     change: Annotated[
         list[str] | None,

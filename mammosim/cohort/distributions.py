@@ -23,10 +23,10 @@ class Choice(Settings):
     """One of several values."""
 
     choice: tuple[Any, ...] = Field(min_length=1)
-    """What is chosen from: plain values of any kind."""
+    """The values to choose from, of any type."""
 
     weights: tuple[float, ...] | None = None
-    """How often each is chosen, in any unit; left out: equally often."""
+    """Relative weight of each value; default: equal."""
 
     @model_validator(mode="after")
     def _weights_fit(self) -> Self:
@@ -46,13 +46,13 @@ class Choice(Settings):
 
 
 class Uniform(Settings):
-    """Any number between two, equally often."""
+    """A number from a uniform distribution."""
 
     uniform: tuple[float, float]
     """Smallest and largest value."""
 
     decimals: int | None = Field(default=None, ge=0, le=12)
-    """Decimals that are kept; 0 gives whole numbers; left out: all."""
+    """Number of decimals kept; 0 gives whole numbers; default: all."""
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -67,16 +67,16 @@ class Uniform(Settings):
 
 
 class Normal(Settings):
-    """A number of the normal distribution, cut off where asked for."""
+    """A number from a normal distribution, truncated if `within` is given."""
 
     normal: tuple[float, float]
-    """Mean and standard deviation, before it is cut off."""
+    """Mean and standard deviation before truncation."""
 
     within: tuple[float, float] | None = None
-    """Smallest and largest value: the distribution is cut off there and made whole again."""
+    """Smallest and largest value, at which the distribution is truncated."""
 
     decimals: int | None = Field(default=None, ge=0, le=12)
-    """Decimals that are kept; 0 gives whole numbers; left out: all."""
+    """Number of decimals kept; 0 gives whole numbers; default: all."""
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -97,10 +97,10 @@ class Normal(Settings):
 
 
 class Column(Settings):
-    """What stands in a column of the patients' file."""
+    """The value in a column of the patients' file."""
 
     column: str
-    """Name of the column; an empty cell leaves the key out."""
+    """Name of the column; with an empty cell, the key is not set."""
 
     def draw(self, rng: np.random.Generator, row: Mapping[str, str]) -> Any:
         """The patient's cell: a number, true or false, or text."""

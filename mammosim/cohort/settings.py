@@ -13,16 +13,16 @@ MOST_PATIENTS = 1_000_000
 
 
 class SplitSettings(Settings):
-    """Parts of the patients that are for training, for choosing, and for testing."""
+    """Fractions of the patients for training, validation and testing."""
 
     train: float = Field(default=0.7, ge=0, le=1)
-    """Part of the patients for training."""
+    """Fraction of the patients for training."""
 
     validation: float = Field(default=0.15, ge=0, le=1)
-    """Part of the patients for choosing a model."""
+    """Fraction of the patients for validation."""
 
     test: float = Field(default=0.15, ge=0, le=1)
-    """Part of the patients that nothing is fitted to."""
+    """Fraction of the patients for testing."""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -36,35 +36,35 @@ class DatasetSettings(Settings):
     """A data set for machine learning, beside the patients' folders."""
 
     pictures: Literal["presentation", "processing"] = "presentation"
-    """Which of a view's pictures: for reading, or linear in exposure."""
+    """Which images of each view: For Presentation, or For Processing (linear in exposure)."""
 
     split: SplitSettings = SplitSettings()
-    """Parts that the patients are split into; all views of a patient are in one part."""
+    """Fractions of the split; all views of a patient are in the same part."""
 
 
 class CohortSettings(Settings):
     """The patients of a cohort."""
 
     patients: int | None = Field(default=None, ge=1, le=MOST_PATIENTS)
-    """Number of patients; left out: the lines of `patients_file`."""
+    """Number of patients; default: the number of lines of `patients_file`."""
 
     patients_file: str | None = None
-    """CSV file with a line a patient and a header, for values of `{column: NAME}`; relative to
-    the cohort's file."""
+    """CSV file with a header and one line per patient, for values of `{column: NAME}`; relative to
+    the cohort file."""
 
     memory_gb: float | None = Field(default=None, ge=0.01, le=1e6)
-    """Memory that all local workers may use together, GB; left out: what is free."""
+    """Memory that all local workers may use together, GB; default: what is free."""
 
     attempts: int = Field(default=3, ge=1, le=100)
-    """How often a patient is begun whose worker dies, before it counts as failed. Dask itself
-    repeats a patient three times before it counts once. One that is begun four times as often
-    without finishing a stage, as where workers end too soon, has failed too."""
+    """Number of times a patient is started whose worker dies, before it counts as failed; Dask
+    itself repeats a patient three times before that counts as one. A patient also fails after four
+    times as many starts without finishing a stage, as when workers end too soon."""
 
     keep_stages: bool = True
-    """Keep each patient's compression, so that another acquisition does not compress again."""
+    """Keep each patient's compression, so that another acquisition need not compress again."""
 
     dataset: DatasetSettings | None = None
-    """Makes a data set for machine learning: pictures, masks and a manifest."""
+    """Write a data set for machine learning: images, masks and a manifest."""
 
     @model_validator(mode="after")
     def _a_number_of_patients(self) -> Self:

@@ -46,19 +46,19 @@ class PlatesInVoxels(Settings):
     """
 
     lower: float = Field(ge=-1e5, le=1e5)
-    """Height of the breast support's face (the thesis' LowerPlate), voxels from the lowest tissue
+    """Height of the breast support's face (the thesis' LowerPlate), voxels above the lowest tissue
     layer."""
 
     upper: float = Field(ge=-1e5, le=1e5)
-    """Height of the paddle's face (UpperPlate), voxels from the lowest tissue layer."""
+    """Height of the paddle's face (UpperPlate), voxels above the lowest tissue layer."""
 
     edge: float | None = Field(default=None, gt=0, le=1e5)
-    """Depth of the plates' edge (platePosition), voxels from the nipple; left out: as
+    """Depth of the plates' edge (platePosition), voxels from the nipple; default: as
     `plate_edge_mm`."""
 
     chest_wall: float | None = Field(default=None, gt=0, le=1e5)
-    """Depth from which on tissue is held (chestPosition), voxels from the nipple; left out: the
-    last tissue layer."""
+    """Depth beyond which tissue is held (chestPosition), voxels from the nipple; default: the last
+    tissue layer."""
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -70,22 +70,23 @@ class PlatesInVoxels(Settings):
 
 
 class SkinSettings(Settings):
-    """Skin as a thin sheet around the breast (model `hyperelastic`)."""
+    """Skin as a thin membrane around the breast (model `hyperelastic`)."""
 
     young_kpa: float | None = Field(default=None, gt=0, le=1e4)
-    """Young's modulus, kPa; left out: `stiffness_kpa.skin`, else that of the stiffness set, else
-    that of `krouskop`, 344 kPa (measured in vivo)."""
+    """Young's modulus, kPa; default: `stiffness_kpa.skin`, or else that of the stiffness set, or
+    else that of `krouskop`, 344 kPa (measured in vivo)."""
 
     thickness_mm: float | None = Field(default=None, ge=0.1, le=10)
-    """Thickness, mm; left out: as the phantom's voxels show it, else 1.55 mm."""
+    """Thickness, mm; default: that of the phantom's skin voxels, or else 1.55 mm."""
 
 
 class FibreSettings(Settings):
-    """Tissue that is stiffer along fibres from the chest wall towards the skin."""
+    """Tissue that is stiffer along fibres from the chest wall to the skin."""
 
     ratio: float = Field(default=1.0, ge=1, le=20)
-    """Young's modulus in tension along the fibres over that across them; 1 for none. Compressed in
-    vivo, breasts stretch less from front to back than isotropic models say (Tanner 2011)."""
+    """Young's modulus in tension along the fibres divided by that across them; 1 for isotropic
+    tissue. Under compression in vivo, breasts extend less from front to back than isotropic models
+    predict (Tanner 2011)."""
 
 
 class TiltSettings(Settings):
@@ -95,15 +96,15 @@ class TiltSettings(Settings):
     """Fixed angle of the paddle, degrees; positive: its front is closer to the breast support."""
 
     spring_nm_per_deg: float | None = Field(default=None, ge=1e-3, le=1e3)
-    """Stiffness of the spring about the hinge, N m for each degree, in place of a fixed angle."""
+    """Stiffness of the spring about the hinge, N m per degree, instead of a fixed angle."""
 
     max_deg: float = Field(default=5.0, gt=0, le=MAX_TILT_DEG)
-    """Angle at which a spring-loaded paddle is stopped, degrees (assumed: such paddles give way by
-    a few degrees)."""
+    """Largest angle of a spring-loaded paddle, degrees (assumed: such paddles tilt by a few
+    degrees)."""
 
     hinge_mm: float | None = Field(default=None, ge=-MAX_LENGTH_MM, le=MAX_LENGTH_MM)
-    """Distance of the hinge from the paddle's edge at the chest wall, mm; a thickness is the gap
-    there. Left out: half of the paddle's depth (assumed)."""
+    """Distance of the hinge from the paddle's edge at the chest wall, mm; a thickness is the gap at
+    the hinge. Default: half of the paddle's depth (assumed)."""
 
     @model_validator(mode="after")
     def _one_way_to_tilt(self) -> Self:
@@ -121,19 +122,19 @@ to 100 mm, and the next larger paddles, for the smaller image format, some 240 m
 
 
 class PaddleSettings(Settings):
-    """A paddle that covers only a part of the breast, or tilts (model `hyperelastic`)."""
+    """A paddle that covers only part of the breast, or tilts (model `hyperelastic`)."""
 
     size_mm: tuple[PaddleSize, PaddleSize] = SMALL_PADDLE_MM
-    """Depth (from the chest wall forward) and width of the paddle, mm; a spot paddle has some 60
-    to 100 mm. Default: the smaller usual image format."""
+    """Depth (from the chest wall forward) and width of the paddle, mm; spot paddles are some 60 to
+    100 mm. Default: the smaller usual image format."""
 
     centre_mm: tuple[Coordinate, Coordinate] | None = None
-    """Middle of the paddle: breast-frame x, and the place along the plates' edge counted from the
-    breast frame's origin, mm. Left out: behind, the paddle ends at the plates' edge, and sideways
-    it lies about the origin."""
+    """Centre of the paddle: breast-frame x, and the position along the plates' edge relative to the
+    breast frame's origin, mm. Default: the paddle begins at the plates' edge and is centred on the
+    origin."""
 
     tilt: TiltSettings | None = None
-    """How it is tilted; left out: not at all."""
+    """How the paddle is tilted; default: not at all."""
 
 
 class CompressionSettings(Settings):
@@ -142,105 +143,109 @@ class CompressionSettings(Settings):
     model: Annotated[str, BeforeValidator(_known_model)] = Field(
         default="springs", json_schema_extra=_with_names
     )
-    """Mechanical model: `springs`, the thesis' and the fastest; `hyperelastic`, finite elements
-    that keep their volume; `none` leaves the breast as it is (or as it was compressed before)."""
+    """Mechanical model: `springs`, that of the source thesis and the fastest; `hyperelastic`,
+    near-incompressible finite elements; `none`, the breast as it is (or as it was already
+    compressed)."""
 
     solver: Literal["multigrid", "relaxation"] = "multigrid"
-    """Solver of the spring model: `relaxation` is the thesis' own, `multigrid` reaches the same
-    equilibrium far sooner."""
+    """Solver of the spring model: `relaxation` is the thesis' own; `multigrid` reaches the same
+    equilibrium much faster."""
 
     thickness_mm: float | None = Field(default=None, ge=1, le=MAX_LENGTH_MM)
-    """Gap between the plates' faces, mm; left out: from the breast's volume by the population fit
-    of Hogg et al. (M-PACT), at most 80 % of the breast's height between the plates."""
+    """Gap between the plates' faces, mm; default: estimated from the breast's volume by the
+    population fit of Hogg et al. (M-PACT), at most 80 % of the breast's height between the
+    plates."""
 
     force_n: float | None = Field(default=None, ge=0.1, le=MAX_FORCE_N)
-    """Force on the paddle, N, in place of a thickness."""
+    """Force on the paddle, N, instead of a thickness."""
 
     support_z_mm: Coordinate | None = None
-    """Final height of the breast support's face, compression frame, mm; with `paddle_z_mm`. Left
-    out: both plates stand where they press alike."""
+    """Final height of the breast support's face, compression frame, mm; with `paddle_z_mm`.
+    Default: both plates are placed where they press equally."""
 
     paddle_z_mm: Coordinate | None = None
     """Final height of the paddle's face, compression frame, mm; with `support_z_mm`."""
 
     plates_voxel: PlatesInVoxels | None = None
-    """Plates and chest wall in the phantom's voxels, as the source thesis gives them, in place of
+    """Plates and chest wall in the phantom's voxels, as the source thesis gives them, instead of
     the keys in mm; view CC only."""
 
     resolution_mm: float = Field(default=1.0, ge=0.1, le=10)
-    """Node spacing of the mechanical lattice, mm; 1 mm resolves skin and glandular lobes. Left out:
-    1 mm with `springs`, 3 mm with `hyperelastic`, whose elements hold a gradient of strain each."""
+    """Node spacing of the mechanical lattice, mm; 1 mm resolves skin and glandular lobes. Default:
+    1 mm with `springs`; 3 mm with `hyperelastic`, whose elements each represent a strain
+    gradient."""
 
     mlo_angle_deg: float = Field(default=45.0, ge=30, le=60)
-    """Angle of the plates' normal from superior towards medial in MLO, degrees."""
+    """Angle in MLO of the plates' normal from superior towards medial, degrees."""
 
     chest_wall: Literal["fixed", "sliding", "fascia"] | None = None
-    """How the chest-wall plane is held: `fixed` wholly; or, with the model `hyperelastic`,
-    `fascia`, in its own plane by a thin elastic layer, or `sliding`, not at all in its own plane.
-    Left out: `fascia` with `hyperelastic`, else `fixed`."""
+    """Chest-wall condition: `fixed`; or, with the model `hyperelastic`, `fascia`, tied by a thin
+    elastic layer that lets the breast glide along the wall, or `sliding`, free to glide. Default:
+    `fascia` with `hyperelastic`, otherwise `fixed`."""
 
     fascia_kpa_per_mm: float = Field(default=0.7, ge=0.01, le=1e3)
-    """Stiffness of the retromammary fascia in shear: kPa of stress for each mm by which the breast
-    glides over the chest wall. Loose tissue has a shear modulus of 0.9 kPa (Iatridis et al. 2003,
-    rats); that the layer is 1.3 mm thick is assumed."""
+    """Shear stiffness of the retromammary fascia: kPa of stress per mm that the breast glides over
+    the chest wall. Loose connective tissue has a shear modulus of 0.9 kPa (Iatridis et al. 2003,
+    rats); the thickness of the layer, 1.3 mm, is assumed."""
 
     chest_wall_mm: Coordinate | None = None
-    """Breast-frame x up to which tissue is held as the chest wall, mm; left out: the first tissue
+    """Breast-frame x up to which tissue is held as the chest wall, mm; default: the first tissue
     layer."""
 
     muscle: Literal["fixed", "soft"] | None = None
-    """Whether labelled muscle is held or deforms with the breast; left out: `soft` where it
-    reaches more than 12 mm in front of the chest wall, so that it lies between the plates, else
-    `fixed`, as FDA's VICTRE has it."""
+    """Whether labelled muscle is fixed or deforms with the breast; default: `soft` if it extends
+    more than 12 mm in front of the chest wall, so that it lies between the plates, otherwise
+    `fixed`, as in FDA's VICTRE."""
 
     plate_edge_mm: Coordinate | None = None
-    """Breast-frame x of the plates' edge, mm; left out: 5 mm in front of the chest wall and, where
+    """Breast-frame x of the plates' edge, mm; default: 5 mm in front of the chest wall and, if
     muscle is `fixed`, of the muscle."""
 
     paddle: PaddleSettings | None = None
-    """A paddle that covers only a part of the breast, or tilts; left out: it is level and covers
-    all in front of the plates' edge."""
+    """A paddle that covers only part of the breast, or tilts; default: level, and covering
+    everything in front of the plates' edge."""
 
     stiffness: str = "thesis"
-    """Stiffness set of the tissue table. Left out: `thesis` with `springs`, which were published
-    with it, and `aspiration`, measured in women, with `hyperelastic`."""
+    """Stiffness set of the tissue table. Default: `thesis` with `springs`, which were published
+    with it; `aspiration`, measured in women, with `hyperelastic`."""
 
     stiffness_kpa: dict[str, Annotated[float, Field(ge=1e-3, le=1e4)]] = Field(default_factory=dict)
-    """Young's modulus of single tissues in place of the set's, as {skin: 60, mass: 100}; tissues
-    that the set does not name follow the one they are like."""
+    """Young's moduli of single tissues that replace the set's, for example {skin: 60, mass: 100},
+    kPa; a tissue that the set does not contain has the modulus of the one it is like."""
 
     skin: SkinSettings | None = None
-    """Skin as a thin sheet that carries tension only, in place of what the stiffness set has. Left
-    out: as the set has it; `krouskop` (344 kPa) and `aspiration` (56 kPa) have such a sheet."""
+    """Skin as a thin membrane that carries tension only, instead of what the stiffness set has.
+    Default: that of the set; `krouskop` (344 kPa) and `aspiration` (56 kPa) have such a
+    membrane."""
 
     fibres: FibreSettings = FibreSettings()
-    """Fibres of the tissue (model `hyperelastic`)."""
+    """Fibres in the tissue (model `hyperelastic`)."""
 
     spring_law: Literal["linear", "exponential"] = "linear"
-    """Whether springs keep their stiffness or gain with strain as in the thesis' listing, E = Ec
-    exp(Enl e); clinical forces need the latter."""
+    """Whether springs keep their stiffness or stiffen with strain as in the thesis' listing, E = Ec
+    exp(Enl e), which at the usual thickness gives forces far beyond clinical ones."""
 
     gravity: bool = False
-    """Let the breast's weight act, the patient standing; tissue moves from its shape in the
-    phantom, which is taken as free of weight."""
+    """Let the breast's weight act, with the patient standing; the shape in the phantom is taken as
+    free of weight."""
 
     tolerance_mm: float = Field(default=0.02, ge=1e-5, le=1)
-    """Distance from equilibrium at which `hyperelastic` stops: the mean over all nodes, as the
-    solver estimates it, mm."""
+    """Distance from equilibrium at which `hyperelastic` stops: the solver's estimate of the mean
+    over all nodes, mm."""
 
     force_tolerance: float | None = Field(default=None, ge=1e-9, le=0.5)
-    """Deprecated and of no effect: `tolerance_mm` has taken its place."""
+    """Deprecated, without effect; replaced by `tolerance_mm`."""
 
     tolerance_voxel: float = Field(default=1e-3, ge=1e-9, le=0.1)
-    """Largest estimated distance of a node from equilibrium at which `multigrid` stops, lattice
+    """Largest estimated distance of any node from equilibrium at which `multigrid` stops, lattice
     units."""
 
     relaxation_limit_voxel: float = Field(default=1e-4, ge=1e-9, le=0.1)
-    """Mean displacement of a node in a sweep at which `relaxation` stops, lattice units; 1/10 000
-    in the thesis."""
+    """Mean displacement of a node per sweep at which `relaxation` stops, lattice units; 1/10 000 in
+    the thesis."""
 
     max_sweeps: int = Field(default=20_000, ge=1, le=10_000_000)
-    """Sweeps after which `relaxation` gives up."""
+    """Maximum number of sweeps of `relaxation`."""
 
     @field_validator("stiffness")
     @classmethod

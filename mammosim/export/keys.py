@@ -16,22 +16,21 @@ class ExportKeys(TypedDict, total=False):
     """Write the 16-bit mammogram and the lesion label image as TIFF. Default: True."""
 
     png: bool
-    """Write an 8-bit preview picture, and the For Presentation image as a 16-bit one. Default:
-    True."""
+    """Write an 8-bit preview, and the For Presentation image as a 16-bit PNG. Default: True."""
 
     volumes: bool
     """Write the compressed labels and the displacement field as NIfTI volumes. Default: True."""
 
     compressed_formats: Sequence[Literal["nrrd", "mha", "victre"]]
-    """Further files of the compressed labels: NRRD, MHA, VICTRE's for MC-GPU with its plates."""
+    """Further formats of the compressed labels: NRRD, MHA, and VICTRE's for MC-GPU with plates."""
 
     viewers: bool
-    """Write files for viewers beside the volumes: the labels as a segmentation of 3D Slicer and the
-    targets as its markups, with names and colours, and label descriptions for ITK-SNAP. Needs
+    """Write files for viewers beside the volumes: for 3D Slicer the labels as a segmentation and
+    the targets as markups, with names and colours; for ITK-SNAP label descriptions. Needs
     `export.volumes`. Default: False."""
 
     matlab: bool
-    """Write the compressed lattice, its tissue, measures and convergence as one MATLAB file.
+    """Write the compressed lattice, its tissues, measures and convergence as one MATLAB file.
     Default: False."""
 
     path_lengths: bool
@@ -43,19 +42,19 @@ class ExportKeys(TypedDict, total=False):
     False."""
 
     volumetric_density: bool
-    """Write the share of glandular tissue at every pixel, in per cent, as 32-bit TIFF. Default:
+    """Write the fraction of glandular tissue at every pixel, in per cent, as 32-bit TIFF. Default:
     False."""
 
     lesion_lengths: bool
-    """Write the path length in each lesion at every pixel, in mm, as 32-bit TIFF of one page a
+    """Write the path length in each lesion at every pixel, in mm, as 32-bit TIFF with one page per
     lesion. Default: False."""
 
     dose_map: bool
-    """Write the absorbed dose of every voxel of the breast's coarse copy, in mGy, as NIfTI volume
+    """Write the absorbed dose of every voxel of the breast's coarse copy, in mGy, as a NIfTI volume
     (scatter model monte-carlo). Default: False."""
 
     date: str
-    """Date that the DICOM objects carry, as YYYYMMDD; fixed, so that reruns are identical. Default:
+    """Date in the DICOM objects, as YYYYMMDD; fixed, so that reruns are identical. Default:
     20000101."""
 
 
@@ -63,26 +62,26 @@ class PatientKeys(TypedDict, total=False):
     """Keys of `PatientSettings`."""
 
     id: str | None
-    """Patient ID; left out, `SIMULATED-` and the run's hash."""
+    """Patient ID; default: `SIMULATED-` and the run's hash."""
 
     name: str | None
-    """Patient's Name, as `Doe^Jane`; left out, `Simulated^` and the run's hash."""
+    """Patient's Name, such as `Doe^Jane`; default: `Simulated^` and the run's hash."""
 
     birth_date: str | None
-    """Patient's Birth Date, as YYYYMMDD; left out, empty."""
+    """Patient's Birth Date, as YYYYMMDD; default: empty."""
 
     age_years: int | None
-    """Patient's Age, years, on `export.date`; left out, by the birth date, if that is given."""
+    """Patient's Age on `export.date`, years; default: from the birth date, if that is given."""
 
     sex: Literal["F", "M", "O"] | None
-    """Patient's Sex; left out, F."""
+    """Patient's Sex; default: F."""
 
     study_description: str | None
-    """Study Description; left out, the name of the run."""
+    """Study Description; default: the name of the run."""
 
     accession: str | None
-    """Accession Number, up to 16 characters; left out, empty."""
+    """Accession Number, up to 16 characters; default: empty."""
 
     study_uid_from: str | None
-    """Text from which Patient ID, name and Study Instance UID are made in place of the run's hash,
-    so that several runs are one study of one patient."""
+    """Text from which Patient ID, name and Study Instance UID are derived instead of the run's
+    hash, so that several runs form one study of one patient."""

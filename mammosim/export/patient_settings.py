@@ -24,32 +24,32 @@ DicomText = Annotated[Name, AfterValidator(_one_value)]
 
 
 class PatientSettings(Settings):
-    """Who the DICOM objects are about; nobody real is imaged."""
+    """The patient in the DICOM objects; nobody real is imaged."""
 
     id: DicomText | None = None
-    """Patient ID; left out, `SIMULATED-` and the run's hash."""
+    """Patient ID; default: `SIMULATED-` and the run's hash."""
 
     name: DicomText | None = None
-    """Patient's Name, as `Doe^Jane`; left out, `Simulated^` and the run's hash."""
+    """Patient's Name, such as `Doe^Jane`; default: `Simulated^` and the run's hash."""
 
     birth_date: str | None = None
-    """Patient's Birth Date, as YYYYMMDD; left out, empty."""
+    """Patient's Birth Date, as YYYYMMDD; default: empty."""
 
     age_years: int | None = Field(default=None, ge=0, le=MAX_AGE_YEARS)
-    """Patient's Age, years, on `export.date`; left out, by the birth date, if that is given."""
+    """Patient's Age on `export.date`, years; default: from the birth date, if that is given."""
 
     sex: Literal["F", "M", "O"] | None = None
-    """Patient's Sex; left out, F."""
+    """Patient's Sex; default: F."""
 
     study_description: DicomText | None = None
-    """Study Description; left out, the name of the run."""
+    """Study Description; default: the name of the run."""
 
     accession: Annotated[DicomText, Field(max_length=16)] | None = None
-    """Accession Number, up to 16 characters; left out, empty."""
+    """Accession Number, up to 16 characters; default: empty."""
 
     study_uid_from: Name | None = None
-    """Text from which Patient ID, name and Study Instance UID are made in place of the run's hash,
-    so that several runs are one study of one patient."""
+    """Text from which Patient ID, name and Study Instance UID are derived instead of the run's
+    hash, so that several runs form one study of one patient."""
 
     @field_validator("birth_date", mode="before")
     @classmethod

@@ -20,21 +20,21 @@ class ExportSettings(Settings):
     """Write the 16-bit mammogram and the lesion label image as TIFF."""
 
     png: bool = True
-    """Write an 8-bit preview picture, and the For Presentation image as a 16-bit one."""
+    """Write an 8-bit preview, and the For Presentation image as a 16-bit PNG."""
 
     volumes: bool = True
     """Write the compressed labels and the displacement field as NIfTI volumes."""
 
     compressed_formats: tuple[Literal["nrrd", "mha", "victre"], ...] = ()
-    """Further files of the compressed labels: NRRD, MHA, VICTRE's for MC-GPU with its plates."""
+    """Further formats of the compressed labels: NRRD, MHA, and VICTRE's for MC-GPU with plates."""
 
     viewers: bool = False
-    """Write files for viewers beside the volumes: the labels as a segmentation of 3D Slicer and the
-    targets as its markups, with names and colours, and label descriptions for ITK-SNAP. Needs
+    """Write files for viewers beside the volumes: for 3D Slicer the labels as a segmentation and
+    the targets as markups, with names and colours; for ITK-SNAP label descriptions. Needs
     `export.volumes`."""
 
     matlab: bool = False
-    """Write the compressed lattice, its tissue, measures and convergence as one MATLAB file."""
+    """Write the compressed lattice, its tissues, measures and convergence as one MATLAB file."""
 
     path_lengths: bool = False
     """Write the path length of every tissue at every pixel, in mm, as one NumPy archive."""
@@ -43,18 +43,18 @@ class ExportSettings(Settings):
     """Write the thickness of glandular tissue at every pixel, in mm, as 32-bit TIFF."""
 
     volumetric_density: bool = False
-    """Write the share of glandular tissue at every pixel, in per cent, as 32-bit TIFF."""
+    """Write the fraction of glandular tissue at every pixel, in per cent, as 32-bit TIFF."""
 
     lesion_lengths: bool = False
-    """Write the path length in each lesion at every pixel, in mm, as 32-bit TIFF of one page a
+    """Write the path length in each lesion at every pixel, in mm, as 32-bit TIFF with one page per
     lesion."""
 
     dose_map: bool = False
-    """Write the absorbed dose of every voxel of the breast's coarse copy, in mGy, as NIfTI volume
+    """Write the absorbed dose of every voxel of the breast's coarse copy, in mGy, as a NIfTI volume
     (scatter model monte-carlo)."""
 
     date: str = "20000101"
-    """Date that the DICOM objects carry, as YYYYMMDD; fixed, so that reruns are identical."""
+    """Date in the DICOM objects, as YYYYMMDD; fixed, so that reruns are identical."""
 
     @field_validator("date", mode="before")
     @classmethod

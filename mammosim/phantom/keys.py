@@ -13,108 +13,109 @@ class FoundLesionKeys(TypedDict, total=False):
     """Keys of `FoundLesionSettings`."""
 
     merge_mm: float
-    """Gap up to which pieces of masses are one lesion, mm; 0 takes each piece for itself. Default:
+    """Gap up to which pieces of a mass form one lesion, mm; with 0 each piece is a lesion. Default:
     2.0."""
 
     min_volume_mm3: float
-    """Volume of a piece below which it belongs to the nearest mass, mm3; 0 merges none. Default:
-    0.05."""
+    """Volume below which a piece belongs to the nearest mass, mm3; 0 merges none. Default: 0.05."""
 
 
 class LesionKeys(TypedDict, total=False):
     """Keys of `LesionSettings`."""
 
     name: str
-    """Name of the lesion, each used once."""
+    """Unique name of the lesion."""
 
     kind: Literal["mass", "calcification", "clip"]
     """A mass, a cluster of calcifications, or a biopsy clip."""
 
     diameter_mm: float | None
-    """Diameter of the mass or cluster, or length of the clip, mm; left out, 10, 10 and 3, and 25
-    along an artery, or the size of the lesion's file."""
+    """Diameter of the mass or cluster, or length of the clip, mm; default: 10, 10 and 3; 25 for
+    calcifications along an artery; or the size in the lesion's file."""
 
     position_mm: Sequence[float] | None
-    """Centre in the breast frame, mm; left out, a place where such lesions occur is drawn."""
+    """Centre in the breast frame, mm; default: drawn where such lesions occur."""
 
     laterality: Literal["L", "R"] | None
-    """Breast that it is in, where both are imaged; left out, the first of `laterality`."""
+    """Breast that contains it, if both are imaged; default: the first of `laterality`."""
 
     file: str | None
-    """Shape of the lesion: a voxel file whose values other than 0 are lesion (or, as numbers from 0
-    to 1, the part of each voxel that is), or a closed surface in mm (STL, OBJ, PLY, OFF); relative
-    to the configuration's folder. Its axes are those of the breast frame. Scaled where
-    `diameter_mm` is given, the diameter of the ball around it."""
+    """Shape of the lesion: a voxel file in which values other than 0 are lesion (or values from 0
+    to 1 are the fraction of each voxel that is), or a closed surface in mm (STL, OBJ, PLY, OFF);
+    relative to the configuration's folder. Its axes are those of the breast frame. It is scaled if
+    `diameter_mm` is given, the diameter of the sphere around it."""
 
     voxel_mm: float | None
-    """Edge of the voxels of that file, mm; left out, what the file says."""
+    """Edge length of that file's voxels, mm; default: from the file."""
 
     rotation_deg: Sequence[float] | None
-    """Turns of that shape about the axes x, then y, then z of the breast frame, right-handed,
-    degrees; left out, none."""
+    """Rotations of that shape about the x, then y, then z axis of the breast frame, right-handed,
+    degrees; default: none."""
 
     margin: Literal["smooth", "lobulated", "spiculated", "distortion"]
     """Outline of a mass; `distortion` is architectural distortion, spicules without a mass.
     Default: lobulated."""
 
     morphology: Literal["punctate", "pleomorphic", "linear", "vascular"]
-    """Form of calcifications: round, irregular, in a row that forks along ducts, or in the wall of
-    an artery, which the breast must have there. Default: pleomorphic."""
+    """Form of calcifications: round, irregular, in a row that branches along ducts, or in the wall
+    of an artery, which the breast must have there. Default: pleomorphic."""
 
     count: int | None
-    """Number of calcifications in a cluster, not of an artery; left out, drawn from 5 to 30."""
+    """Number of calcifications in a cluster (not in an artery); default: drawn from 5 to 30."""
 
     calcification_mm: float | None
-    """Diameter of a ball of each calcification's volume, mm, or thickness of calcified wall; left
-    out, drawn for each from 0.1 to 0.8, and 0.08 in a wall."""
+    """Diameter of a sphere with each calcification's volume, mm, or thickness of calcified wall;
+    default: drawn for each from 0.1 to 0.8, and 0.08 in a wall."""
 
 
 class LandmarkKeys(TypedDict, total=False):
     """Keys of `LandmarkSettings`."""
 
     name: str
-    """Name of the landmark, each used once."""
+    """Unique name of the landmark."""
 
     position_mm: Sequence[float]
     """Position in the breast frame, mm; it must lie in tissue."""
 
     laterality: Literal["L", "R"] | None
-    """Breast that it is in, where both are imaged; left out, the first of `laterality`."""
+    """Breast that contains it, if both are imaged; default: the first of `laterality`."""
 
 
 class PhantomKeys(TypedDict, total=False):
     """Keys of `PhantomSettings`."""
 
     file: str | Mapping[Literal["L", "R"], str] | None
-    """Voxel file, or folder of a DICOM series, relative to the configuration's folder; of both
-    breasts a mapping, as `{L: left.mhd, R: right.mhd}`."""
+    """Voxel file, or folder of a DICOM series, relative to the configuration's folder; for both
+    breasts a mapping such as `{L: left.mhd, R: right.mhd}`."""
 
     labels: str | None
-    """Label map: a name, or path of a YAML file; left out, what a .vctx says, else `mammosim`."""
+    """Label map: a name, or the path of a YAML file; default: the one in a .vctx file, otherwise
+    `mammosim`."""
 
     axes: str | None
-    """Towards what the file's axes run, as `ALS`; left out, what it says or its voxels show."""
+    """Directions of the file's axes, such as `ALS`; default: from the file, or else inferred from
+    its voxels."""
 
     voxel_mm: float | Sequence[float] | None
-    """Voxel size along the file's axes, mm, one number or three; left out, what the file says."""
+    """Voxel size along the file's axes, mm, one number or three; default: from the file."""
 
     reduce: int
-    """Of every n voxels of the file along each axis one is kept, for what exceeds memory. Default:
-    1."""
+    """Keep one of every n voxels of the file along each axis, for files larger than memory.
+    Default: 1."""
 
     compressed_for: Literal["CC", "MLO", "ML"] | None
-    """View that the file's breast was compressed for before, with z from the breast support to the
-    paddle; other views of it are refused. Left out, what a volume of mammosim's own says; where
-    plates are labelled (50) the one view that is made."""
+    """View for which the breast in the file is already compressed, with z from the breast support
+    to the paddle; other views are refused. Default: from a volume that mammosim wrote; with
+    labelled plates (50), the only view of the run."""
 
     lesions_from_labels: FoundLesionSettings | FoundLesionKeys
-    """Which voxels of the file's masses are one lesion."""
+    """Which mass voxels of the file form one lesion."""
 
     generate: GenerateSettings | GenerateKeys | None
     """Settings of the built-in generator."""
 
     lesions: Sequence[LesionSettings | LesionKeys]
-    """Lesions put in before compression."""
+    """Lesions inserted before compression."""
 
     landmarks: Sequence[LandmarkSettings | LandmarkKeys]
     """Points to follow through compression."""

@@ -48,37 +48,37 @@ class _AnyLesion(Settings):
     """Keys of a lesion of any kind."""
 
     name: Name
-    """Name of the lesion, each used once."""
+    """Unique name of the lesion."""
 
     kind: Kind
     """A mass, a cluster of calcifications, or a biopsy clip."""
 
     diameter_mm: float | None = Field(default=None, ge=0.05, le=100.0)
-    """Diameter of the mass or cluster, or length of the clip, mm; left out, 10, 10 and 3, and 25
-    along an artery, or the size of the lesion's file."""
+    """Diameter of the mass or cluster, or length of the clip, mm; default: 10, 10 and 3; 25 for
+    calcifications along an artery; or the size in the lesion's file."""
 
     position_mm: Position | None = None
-    """Centre in the breast frame, mm; left out, a place where such lesions occur is drawn."""
+    """Centre in the breast frame, mm; default: drawn where such lesions occur."""
 
     laterality: Side | None = None
-    """Breast that it is in, where both are imaged; left out, the first of `laterality`."""
+    """Breast that contains it, if both are imaged; default: the first of `laterality`."""
 
     file: str | None = None
-    """Shape of the lesion: a voxel file whose values other than 0 are lesion (or, as numbers from 0
-    to 1, the part of each voxel that is), or a closed surface in mm (STL, OBJ, PLY, OFF); relative
-    to the configuration's folder. Its axes are those of the breast frame. Scaled where
-    `diameter_mm` is given, the diameter of the ball around it."""
+    """Shape of the lesion: a voxel file in which values other than 0 are lesion (or values from 0
+    to 1 are the fraction of each voxel that is), or a closed surface in mm (STL, OBJ, PLY, OFF);
+    relative to the configuration's folder. Its axes are those of the breast frame. It is scaled if
+    `diameter_mm` is given, the diameter of the sphere around it."""
 
     voxel_mm: float | None = Field(default=None, ge=1e-3, le=10.0)
-    """Edge of the voxels of that file, mm; left out, what the file says."""
+    """Edge length of that file's voxels, mm; default: from the file."""
 
     rotation_deg: tuple[Angle, Angle, Angle] | None = None
-    """Turns of that shape about the axes x, then y, then z of the breast frame, right-handed,
-    degrees; left out, none."""
+    """Rotations of that shape about the x, then y, then z axis of the breast frame, right-handed,
+    degrees; default: none."""
 
 
 class LesionSettings(OwnKeys, _AnyLesion):
-    """A lesion to put into the breast before compression."""
+    """A lesion to insert into the breast before compression."""
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> Self:
@@ -110,57 +110,59 @@ class LandmarkSettings(Settings):
     """A point to follow through compression."""
 
     name: Name
-    """Name of the landmark, each used once."""
+    """Unique name of the landmark."""
 
     position_mm: Position
     """Position in the breast frame, mm; it must lie in tissue."""
 
     laterality: Side | None = None
-    """Breast that it is in, where both are imaged; left out, the first of `laterality`."""
+    """Breast that contains it, if both are imaged; default: the first of `laterality`."""
 
 
 class FoundLesionSettings(Settings):
-    """Which voxels of a file's masses are one lesion."""
+    """Which mass voxels of a file form one lesion."""
 
     merge_mm: float = Field(default=MERGE_MM, ge=0, le=100)
-    """Gap up to which pieces of masses are one lesion, mm; 0 takes each piece for itself."""
+    """Gap up to which pieces of a mass form one lesion, mm; with 0 each piece is a lesion."""
 
     min_volume_mm3: float = Field(default=MIN_VOLUME_MM3, ge=0, le=1e5)
-    """Volume of a piece below which it belongs to the nearest mass, mm3; 0 merges none."""
+    """Volume below which a piece belongs to the nearest mass, mm3; 0 merges none."""
 
 
 class PhantomSettings(Settings):
     """The breast: read from a file, or generated."""
 
     file: str | dict[Side, str] | None = None
-    """Voxel file, or folder of a DICOM series, relative to the configuration's folder; of both
-    breasts a mapping, as `{L: left.mhd, R: right.mhd}`."""
+    """Voxel file, or folder of a DICOM series, relative to the configuration's folder; for both
+    breasts a mapping such as `{L: left.mhd, R: right.mhd}`."""
 
     labels: str | None = None
-    """Label map: a name, or path of a YAML file; left out, what a .vctx says, else `mammosim`."""
+    """Label map: a name, or the path of a YAML file; default: the one in a .vctx file, otherwise
+    `mammosim`."""
 
     axes: str | None = None
-    """Towards what the file's axes run, as `ALS`; left out, what it says or its voxels show."""
+    """Directions of the file's axes, such as `ALS`; default: from the file, or else inferred from
+    its voxels."""
 
     voxel_mm: VoxelSize | tuple[VoxelSize, VoxelSize, VoxelSize] | None = None
-    """Voxel size along the file's axes, mm, one number or three; left out, what the file says."""
+    """Voxel size along the file's axes, mm, one number or three; default: from the file."""
 
     reduce: int = Field(default=1, ge=1, le=MOST_REDUCED)
-    """Of every n voxels of the file along each axis one is kept, for what exceeds memory."""
+    """Keep one of every n voxels of the file along each axis, for files larger than memory."""
 
     compressed_for: Literal["CC", "MLO", "ML"] | None = None
-    """View that the file's breast was compressed for before, with z from the breast support to the
-    paddle; other views of it are refused. Left out, what a volume of mammosim's own says; where
-    plates are labelled (50) the one view that is made."""
+    """View for which the breast in the file is already compressed, with z from the breast support
+    to the paddle; other views are refused. Default: from a volume that mammosim wrote; with
+    labelled plates (50), the only view of the run."""
 
     lesions_from_labels: FoundLesionSettings = FoundLesionSettings()
-    """Which voxels of the file's masses are one lesion."""
+    """Which mass voxels of the file form one lesion."""
 
     generate: GenerateSettings | None = None
     """Settings of the built-in generator."""
 
     lesions: tuple[LesionSettings, ...] = Field(default=(), max_length=len(LESION_LABELS))
-    """Lesions put in before compression."""
+    """Lesions inserted before compression."""
 
     landmarks: tuple[LandmarkSettings, ...] = Field(default=(), max_length=1000)
     """Points to follow through compression."""

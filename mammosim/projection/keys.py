@@ -13,28 +13,28 @@ class ProjectionKeys(TypedDict, total=False):
     """Pixel pitch of the detector, mm. Default: 0.1."""
 
     source_to_detector_mm: float
-    """Distance of the focal spot from the detector plane, mm. Default: 650.0."""
+    """Distance from the focal spot to the detector plane, mm. Default: 650.0."""
 
     support_to_detector_mm: float
     """Gap between the breast support's upper surface and the detector plane, mm. Default: 15.0."""
 
     detector_edge_mm: float | None
-    """Breast-frame x of the detector's chest-wall edge, mm; left out: the plates' edge."""
+    """Breast-frame x of the detector's chest-wall edge, mm; default: the plates' edge."""
 
     detector_mm: Sequence[float] | None
-    """Height (along the chest wall) and width of the detector, mm; left out: the smaller of the two
-    usual formats, 240 x 180 and 300 x 240 mm, that holds the breast's shadow."""
+    """Height (along the chest wall) and width of the detector, mm; default: the smaller of the two
+    usual formats, 240 x 180 and 300 x 240 mm, that contains the breast's shadow."""
 
     focal_spot_y_mm: float | None
-    """Compression-frame y of the focal spot, mm; left out: 0 where the breast spans it, else the
-    middle of the breast."""
+    """Compression-frame y of the focal spot, mm; default: 0 if the breast extends over it,
+    otherwise the centre of the breast."""
 
     conserve_mass: bool
-    """Whether tissue that compression squeezes together attenuates more, so that mass is kept.
-    Default: True."""
+    """Whether tissue attenuates in proportion to its density after compression, so that mass is
+    conserved. Default: True."""
 
     smooth_voxels: bool
-    """Whether the steps of voxels larger than a pixel are smoothed in what attenuates (not where
+    """Whether the steps of voxels larger than a pixel are smoothed in the attenuation (not if
     conserve_mass is false); path lengths and lesion masks stay exact. Default: True."""
 
 
@@ -45,25 +45,25 @@ class TomosynthesisKeys(TypedDict, total=False):
     """Compression view in which the projections are taken."""
 
     system: Literal["like-dimensions", "like-senoclaire", "like-inspiration"] | None
-    """Arc, number, pivot and detector's turn like those of a clinical system: like-dimensions (15
-    degrees, 15 projections, its detector turns by 4.2), like-senoclaire (25, 9) or like-inspiration
-    (50, 25); keys beside it win."""
+    """Arc, number of projections, pivot and detector rotation like those of a clinical system:
+    like-dimensions (15 degrees, 15 projections, the detector rotates by 4.2 degrees),
+    like-senoclaire (25, 9) or like-inspiration (50, 25); keys given beside it take precedence."""
 
     angle_range_deg: float
     """Angle between the first and the last position of the tube, degrees, half on each side.
     Default: 50.0."""
 
     projections: int
-    """Number of projections, evenly spaced over the angle range; 1 is the upright tube alone.
+    """Number of projections, evenly spaced over the angle range; 1 is the upright tube only.
     Default: 25."""
 
     pivot_to_detector_mm: float
     """Height of the pivot above the detector plane, mm. Default: 50.0."""
 
     detector_angle_range_deg: float
-    """Angle by which the detector turns about the same pivot while the tube turns by its own range,
-    in the same sense, degrees; 0 for one that stays where it is. Default: 0.0."""
+    """Angle by which the detector rotates about the same pivot, in the same direction, while the
+    tube moves over its range, degrees; 0 for a stationary detector. Default: 0.0."""
 
     shares: Sequence[float] | None
-    """Tube load of each projection relative to the others, in the order of their angles; left out:
-    all alike, as on the systems above."""
+    """Relative tube load of each projection, in the order of their angles; default: equal, as on
+    the systems above."""

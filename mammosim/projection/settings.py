@@ -33,7 +33,7 @@ class ProjectionSettings(Settings):
     # 650 mm as in VICTRE (Badano et al. 2018, JAMA Netw Open 1(7):e185474); clinical units have
     # 650 to 700 mm.
     source_to_detector_mm: Annotated[float, Field(ge=1.0, le=2000.0)] = 650.0
-    """Distance of the focal spot from the detector plane, mm."""
+    """Distance from the focal spot to the detector plane, mm."""
 
     # 10 to 20 mm on clinical units; 15 mm is the air gap of the scatter measurements of Boone
     # et al. 2000 (Med Phys 27:2408-2416), which the scatter model builds on.
@@ -41,22 +41,23 @@ class ProjectionSettings(Settings):
     """Gap between the breast support's upper surface and the detector plane, mm."""
 
     detector_edge_mm: Coordinate | None = None
-    """Breast-frame x of the detector's chest-wall edge, mm; left out: the plates' edge."""
+    """Breast-frame x of the detector's chest-wall edge, mm; default: the plates' edge."""
 
     detector_mm: tuple[DetectorSide, DetectorSide] | None = None
-    """Height (along the chest wall) and width of the detector, mm; left out: the smaller of the
-    two usual formats, 240 x 180 and 300 x 240 mm, that holds the breast's shadow."""
+    """Height (along the chest wall) and width of the detector, mm; default: the smaller of the two
+    usual formats, 240 x 180 and 300 x 240 mm, that contains the breast's shadow."""
 
     focal_spot_y_mm: Coordinate | None = None
-    """Compression-frame y of the focal spot, mm; left out: 0 where the breast spans it, else the
-    middle of the breast."""
+    """Compression-frame y of the focal spot, mm; default: 0 if the breast extends over it,
+    otherwise the centre of the breast."""
 
     conserve_mass: bool = True
-    """Whether tissue that compression squeezes together attenuates more, so that mass is kept."""
+    """Whether tissue attenuates in proportion to its density after compression, so that mass is
+    conserved."""
 
     # The weave that voxels of 0.4 mm draw is stronger than the quantum noise near the skin line.
     smooth_voxels: bool = True
-    """Whether the steps of voxels larger than a pixel are smoothed in what attenuates (not where
+    """Whether the steps of voxels larger than a pixel are smoothed in the attenuation (not if
     conserve_mass is false); path lengths and lesion masks stay exact."""
 
     @property
@@ -78,27 +79,27 @@ class TomosynthesisSettings(Settings):
     """Compression view in which the projections are taken."""
 
     system: Annotated[str, AfterValidator(_system), _NAMES_OF_SYSTEMS] | None = None
-    """Arc, number, pivot and detector's turn like those of a clinical system: like-dimensions (15
-    degrees, 15 projections, its detector turns by 4.2), like-senoclaire (25, 9) or like-inspiration
-    (50, 25); keys beside it win."""
+    """Arc, number of projections, pivot and detector rotation like those of a clinical system:
+    like-dimensions (15 degrees, 15 projections, the detector rotates by 4.2 degrees),
+    like-senoclaire (25, 9) or like-inspiration (50, 25); keys given beside it take precedence."""
 
     angle_range_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 50.0
     """Angle between the first and the last position of the tube, degrees, half on each side."""
 
     projections: Annotated[int, Field(ge=1, le=200)] = 25
-    """Number of projections, evenly spaced over the angle range; 1 is the upright tube alone."""
+    """Number of projections, evenly spaced over the angle range; 1 is the upright tube only."""
 
     pivot_to_detector_mm: Annotated[float, Field(ge=0.0, le=300.0)] = 50.0
     """Height of the pivot above the detector plane, mm."""
 
     # 4.2 of 15 degrees on Hologic's systems; Siemens' and GE's detectors stay (see systems.py).
     detector_angle_range_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 0.0
-    """Angle by which the detector turns about the same pivot while the tube turns by its own range,
-    in the same sense, degrees; 0 for one that stays where it is."""
+    """Angle by which the detector rotates about the same pivot, in the same direction, while the
+    tube moves over its range, degrees; 0 for a stationary detector."""
 
     shares: tuple[Annotated[float, Field(gt=0.0, le=1e6)], ...] | None = None
-    """Tube load of each projection relative to the others, in the order of their angles; left
-    out: all alike, as on the systems above."""
+    """Relative tube load of each projection, in the order of their angles; default: equal, as on
+    the systems above."""
 
     @model_validator(mode="before")
     @classmethod

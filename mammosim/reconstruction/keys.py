@@ -12,11 +12,11 @@ class ReconstructionKeys(TypedDict, total=False):
     """Keys of `ReconstructionSettings`."""
 
     method: Literal["fdk", "sart"]
-    """Filtered back-projection (Feldkamp's), or the simultaneous algebraic technique. Default:
-    fdk."""
+    """`fdk`, filtered back-projection (Feldkamp, Davis and Kress), or `sart`, the simultaneous
+    algebraic reconstruction technique. Default: fdk."""
 
     slice_mm: float
-    """Distance between slices, mm; clinical systems use 1 mm. Default: 1.0."""
+    """Slice spacing, mm; clinical systems use 1 mm. Default: 1.0."""
 
     pixel_mm: float | None
     """Pixel size within a slice, mm; default: the detector's pixel size."""
@@ -25,16 +25,15 @@ class ReconstructionKeys(TypedDict, total=False):
     """Number of passes of `sart` over all projections. Default: 1."""
 
     relaxation: float
-    """Share of each correction that `sart` applies; converges between 0 and 2. Assumed. Default:
-    0.5."""
+    """Relaxation factor of `sart`; it converges between 0 and 2. Assumed. Default: 0.5."""
 
     hann: float
-    """Cut-off of `fdk`'s Hann window, share of the Nyquist frequency; 0 leaves the bare ramp.
-    Default: 1.0."""
+    """Cut-off of `fdk`'s Hann window as a fraction of the Nyquist frequency; 0 is the ramp filter
+    alone. Default: 1.0."""
 
     synthetic_2d: bool
-    """Whether a synthetic two-dimensional picture is made of the slices (of `sart`). It is
-    mammosim's own, no manufacturer's. Default: False."""
+    """Whether a synthetic mammogram is made from the slices (of `sart`), by mammosim's own method,
+    not a manufacturer's. Default: False."""
 
 
 class SeriesKeys(TypedDict, total=False):
@@ -44,28 +43,28 @@ class SeriesKeys(TypedDict, total=False):
     """Compression view in which the projections are taken."""
 
     system: Literal["like-dimensions", "like-senoclaire", "like-inspiration"] | None
-    """Arc, number, pivot and detector's turn like those of a clinical system: like-dimensions (15
-    degrees, 15 projections, its detector turns by 4.2), like-senoclaire (25, 9) or like-inspiration
-    (50, 25); keys beside it win."""
+    """Arc, number of projections, pivot and detector rotation like those of a clinical system:
+    like-dimensions (15 degrees, 15 projections, the detector rotates by 4.2 degrees),
+    like-senoclaire (25, 9) or like-inspiration (50, 25); keys given beside it take precedence."""
 
     angle_range_deg: float
     """Angle between the first and the last position of the tube, degrees, half on each side.
     Default: 50.0."""
 
     projections: int
-    """Number of projections, evenly spaced over the angle range; 1 is the upright tube alone.
+    """Number of projections, evenly spaced over the angle range; 1 is the upright tube only.
     Default: 25."""
 
     pivot_to_detector_mm: float
     """Height of the pivot above the detector plane, mm. Default: 50.0."""
 
     detector_angle_range_deg: float
-    """Angle by which the detector turns about the same pivot while the tube turns by its own range,
-    in the same sense, degrees; 0 for one that stays where it is. Default: 0.0."""
+    """Angle by which the detector rotates about the same pivot, in the same direction, while the
+    tube moves over its range, degrees; 0 for a stationary detector. Default: 0.0."""
 
     shares: Sequence[float] | None
-    """Tube load of each projection relative to the others, in the order of their angles; left out:
-    all alike, as on the systems above."""
+    """Relative tube load of each projection, in the order of their angles; default: equal, as on
+    the systems above."""
 
     reconstruct: ReconstructionSettings | ReconstructionKeys | None
-    """Reconstructs slices by itk-rtk; left out: none, since that library is an extra."""
+    """Reconstruct slices with itk-rtk; default: no slices, since that library is an extra."""

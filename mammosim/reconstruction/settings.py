@@ -14,10 +14,11 @@ class ReconstructionSettings(Settings):
     """How slices are reconstructed from the projections of a series."""
 
     method: Literal["fdk", "sart"] = "fdk"
-    """Filtered back-projection (Feldkamp's), or the simultaneous algebraic technique."""
+    """`fdk`, filtered back-projection (Feldkamp, Davis and Kress), or `sart`, the simultaneous
+    algebraic reconstruction technique."""
 
     slice_mm: Annotated[float, Field(ge=0.1, le=20.0)] = 1.0
-    """Distance between slices, mm; clinical systems use 1 mm."""
+    """Slice spacing, mm; clinical systems use 1 mm."""
 
     pixel_mm: Annotated[float, Field(ge=0.02, le=2.0)] | None = None
     """Pixel size within a slice, mm; default: the detector's pixel size."""
@@ -26,14 +27,15 @@ class ReconstructionSettings(Settings):
     """Number of passes of `sart` over all projections."""
 
     relaxation: Annotated[float, Field(gt=0.0, lt=2.0)] = 0.5
-    """Share of each correction that `sart` applies; converges between 0 and 2. Assumed."""
+    """Relaxation factor of `sart`; it converges between 0 and 2. Assumed."""
 
     hann: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
-    """Cut-off of `fdk`'s Hann window, share of the Nyquist frequency; 0 leaves the bare ramp."""
+    """Cut-off of `fdk`'s Hann window as a fraction of the Nyquist frequency; 0 is the ramp filter
+    alone."""
 
     synthetic_2d: bool = False
-    """Whether a synthetic two-dimensional picture is made of the slices (of `sart`). It is
-    mammosim's own, no manufacturer's."""
+    """Whether a synthetic mammogram is made from the slices (of `sart`), by mammosim's own method,
+    not a manufacturer's."""
 
     @model_validator(mode="after")
     def _synthetic_of_known_values(self) -> Self:
@@ -49,7 +51,7 @@ class SeriesSettings(TomosynthesisSettings):
     """A view taken as a series of projections, and the slices that are reconstructed from it."""
 
     reconstruct: ReconstructionSettings | None = None
-    """Reconstructs slices by itk-rtk; left out: none, since that library is an extra."""
+    """Reconstruct slices with itk-rtk; default: no slices, since that library is an extra."""
 
     @model_validator(mode="after")
     def _several_angles(self) -> Self:

@@ -12,9 +12,9 @@ class ReportKeys(TypedDict, total=False):
     """Write the report as one self-contained page. Default: True."""
 
     picture_rows: int
-    """Height that the report's pictures are reduced to, pixels; the files keep every pixel.
-    Default: 1400."""
+    """Height to which the report's images are reduced, pixels; the files keep every pixel. Default:
+    1400."""
 
     three_d: bool
-    """Let the page show the breast in three dimensions; plotly.js in it adds 2 MB. Default:
+    """Show the breast in three dimensions; this adds the 2 MB of plotly.js to the page. Default:
     True."""

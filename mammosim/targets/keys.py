@@ -11,21 +11,21 @@ class BiopsyKeys(TypedDict, total=False):
     """Keys of `BiopsySettings`."""
 
     view: Literal["same", "CC", "MLO", "ML", "none"]
-    """Compression while the needle goes in: that of each mammogram with its own thickness, one of
-    the views, or `none` for a breast as the phantom has it. Default: none."""
+    """Compression during biopsy: `same`, that of each mammogram with another thickness or force;
+    one of the views; or `none`, the breast as in the phantom. Default: none."""
 
     thickness_mm: float | None
-    """Gap between the plates during biopsy, mm; left out: as in the mammogram of that view."""
+    """Gap between the plates during biopsy, mm; default: as in the mammogram of that view."""
 
     force_n: float | None
-    """Force on the paddle during biopsy, N, in place of a thickness."""
+    """Force on the paddle during biopsy, N, instead of a thickness."""
 
     posture: Literal["standing", "prone", "supine"] | None
-    """How the woman stands or lies during biopsy or surgery, without plates; experimental. Left
-    out: the breast is as the phantom has it."""
+    """Posture during biopsy or surgery, without plates; experimental. Default: the breast as in the
+    phantom."""
 
     needle: Literal["vertical", "lateral"]
-    """Direction of the needle: `vertical` along the compression axis (without plates that of the
+    """Direction of the needle: `vertical` along the compression axis (without plates, that of the
     mammogram), from the paddle's side; `lateral` across it, parallel to the chest wall. Default:
     vertical."""
 
@@ -34,35 +34,36 @@ class UncertaintyKeys(TypedDict, total=False):
     """Keys of `UncertaintySettings`."""
 
     samples: int
-    """Compressions that are drawn for each view; 50 give the ellipsoid's axes to about 10 %.
+    """Number of compressions drawn for each view; 50 give the ellipsoid's axes to about 10 %.
     Default: 50."""
 
     stiffness_spread: float
-    """Standard deviation of the logarithm of each tissue's modulus, each drawn for itself. Default:
+    """Standard deviation of the logarithm of each tissue's modulus, drawn independently. Default:
     0.35."""
 
     thickness_mm: float
-    """Largest deviation of the compressed thickness, either way, mm, evenly drawn. Default: 5.0."""
+    """Largest deviation of the compressed thickness in either direction, mm, uniform. Default:
+    5.0."""
 
     plate_height_mm: float
-    """Largest deviation of both plates' height along their normal, either way, mm, evenly drawn
-    (assumed). Default: 5.0."""
+    """Largest deviation of the height of both plates along their normal in either direction, mm,
+    uniform (assumed). Default: 5.0."""
 
     plate_edge_mm: float
-    """Largest deviation of how far the breast is drawn between the plates, either way, mm, evenly
-    drawn. Default: 5.0."""
+    """Largest deviation, in either direction, of how far the breast is drawn between the plates,
+    mm, uniform. Default: 5.0."""
 
     lattice: bool
-    """Also shift the lattice by up to half its spacing, which tells what the steps of its surface
-    are worth. Default: True."""
+    """Also shift the lattice by up to half its spacing, to include the effect of its stepped
+    surface. Default: True."""
 
 
 class TargetsKeys(TypedDict, total=False):
     """Keys of `TargetsSettings`."""
 
     biopsy: BiopsySettings | BiopsyKeys | None
-    """Position of the breast at biopsy; left out: no needle is aimed."""
+    """How the breast is held at biopsy; default: no biopsy is simulated."""
 
     uncertainty: UncertaintySettings | UncertaintyKeys | None
-    """Variation of what is not known exactly; left out: none. Every view, and the biopsy where it
-    has plates, must be compressed (not model `none`)."""
+    """Variation of what is not known exactly; default: none. Every view, and the biopsy if it has
+    plates, must be compressed (not model `none`)."""

@@ -10,24 +10,24 @@ from mammosim.config import MAX_FORCE_N, MAX_LENGTH_MM, Settings
 
 
 class BiopsySettings(Settings):
-    """How the breast is held when a needle goes for what the mammogram showed."""
+    """How the breast is held while a needle is guided to the target of a mammogram."""
 
     view: Literal["same", "CC", "MLO", "ML", "none"] = "none"
-    """Compression while the needle goes in: that of each mammogram with its own thickness, one of
-    the views, or `none` for a breast as the phantom has it."""
+    """Compression during biopsy: `same`, that of each mammogram with another thickness or force;
+    one of the views; or `none`, the breast as in the phantom."""
 
     thickness_mm: float | None = Field(default=None, ge=1, le=MAX_LENGTH_MM)
-    """Gap between the plates during biopsy, mm; left out: as in the mammogram of that view."""
+    """Gap between the plates during biopsy, mm; default: as in the mammogram of that view."""
 
     force_n: float | None = Field(default=None, ge=0.1, le=MAX_FORCE_N)
-    """Force on the paddle during biopsy, N, in place of a thickness."""
+    """Force on the paddle during biopsy, N, instead of a thickness."""
 
     posture: Literal["standing", "prone", "supine"] | None = None
-    """How the woman stands or lies during biopsy or surgery, without plates; experimental. Left
-    out: the breast is as the phantom has it."""
+    """Posture during biopsy or surgery, without plates; experimental. Default: the breast as in the
+    phantom."""
 
     needle: Literal["vertical", "lateral"] = "vertical"
-    """Direction of the needle: `vertical` along the compression axis (without plates that of the
+    """Direction of the needle: `vertical` along the compression axis (without plates, that of the
     mammogram), from the paddle's side; `lateral` across it, parallel to the chest wall."""
 
     @model_validator(mode="after")
@@ -47,42 +47,42 @@ class BiopsySettings(Settings):
 
 
 class UncertaintySettings(Settings):
-    """What is varied to tell how sure a shift is, and how far."""
+    """What is varied to estimate the uncertainty of a shift, and how far."""
 
     samples: int = Field(default=50, ge=10, le=10_000)
-    """Compressions that are drawn for each view; 50 give the ellipsoid's axes to about 10 %."""
+    """Number of compressions drawn for each view; 50 give the ellipsoid's axes to about 10 %."""
 
     # Relative standard deviations between samples of one tissue: fat 28 %, gland 19 % (Samani,
     # Zubovits & Plewes 2007, Phys Med Biol 52:1565), fat 39 %, gland 50 % (Krouskop et al. 1998,
     # Ultrason Imaging 20:260).
     stiffness_spread: float = Field(default=0.35, ge=0, le=1)
-    """Standard deviation of the logarithm of each tissue's modulus, each drawn for itself."""
+    """Standard deviation of the logarithm of each tissue's modulus, drawn independently."""
 
     # Readouts were off by up to 14 % with rigid paddles, 7 mm of 50 (Hauge et al. 2012, Med Phys
     # 39:263).
     thickness_mm: float = Field(default=5.0, ge=0, le=30)
-    """Largest deviation of the compressed thickness, either way, mm, evenly drawn."""
+    """Largest deviation of the compressed thickness in either direction, mm, uniform."""
 
     plate_height_mm: float = Field(default=5.0, ge=0, le=30)
-    """Largest deviation of both plates' height along their normal, either way, mm, evenly drawn
-    (assumed)."""
+    """Largest deviation of the height of both plates along their normal in either direction, mm,
+    uniform (assumed)."""
 
     # Positioning is accepted where the nipple lines of CC and MLO agree to 10 mm.
     plate_edge_mm: float = Field(default=5.0, ge=0, le=30)
-    """Largest deviation of how far the breast is drawn between the plates, either way, mm, evenly
-    drawn."""
+    """Largest deviation, in either direction, of how far the breast is drawn between the plates,
+    mm, uniform."""
 
     lattice: bool = True
-    """Also shift the lattice by up to half its spacing, which tells what the steps of its surface
-    are worth."""
+    """Also shift the lattice by up to half its spacing, to include the effect of its stepped
+    surface."""
 
 
 class TargetsSettings(Settings):
-    """What is worked out about lesions and landmarks beside the table."""
+    """What is computed for lesions and landmarks in addition to the table."""
 
     biopsy: BiopsySettings | None = None
-    """Position of the breast at biopsy; left out: no needle is aimed."""
+    """How the breast is held at biopsy; default: no biopsy is simulated."""
 
     uncertainty: UncertaintySettings | None = None
-    """Variation of what is not known exactly; left out: none. Every view, and the biopsy where it
-    has plates, must be compressed (not model `none`)."""
+    """Variation of what is not known exactly; default: none. Every view, and the biopsy if it has
+    plates, must be compressed (not model `none`)."""

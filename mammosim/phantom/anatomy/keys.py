@@ -9,37 +9,37 @@ class OtherGenerateKeys(TypedDict, total=False):
     """Keys of `GenerateSettings` but for `density`, `voxel_mm`."""
 
     volume_ml: float | None
-    """Volume of the breast without muscle, mL; left out, drawn by the seed: median 620, two thirds
-    of breasts from 380 to 1000."""
+    """Volume of the breast without muscle, mL; default: drawn by the seed, with median 620 and two
+    thirds of breasts from 380 to 1000."""
 
     glandular_percent: float | None
-    """Fibroglandular share of the volume within the skin, %; left out, that of the class."""
+    """Fibroglandular fraction of the volume within the skin, %; default: that of the class."""
 
     skin_mm: float | None
-    """Thickness of the skin, mm; left out, drawn by the seed from 1.2 to 2.0, mean 1.45 as in
-    breast CT (Huang et al. 2008, Med Phys 35:1199-1206)."""
+    """Thickness of the skin, mm; default: drawn by the seed from 1.2 to 2.0, mean 1.45 as in breast
+    CT (Huang et al. 2008, Med Phys 35:1199-1206)."""
 
     nipple_height_mm: float | None
-    """How far the nipple stands out of the areola, mm; left out, drawn by the seed: 5.5 on average,
+    """Height of the nipple above the areola, mm; default: drawn by the seed, 5.5 on average, from
     1.5 to 12, and up to 2 in one breast of twelve."""
 
     nipple_diameter_mm: float | None
-    """Diameter of the nipple, mm; left out, drawn by the seed from 8 to 16."""
+    """Diameter of the nipple, mm; default: drawn by the seed from 8 to 16."""
 
     lymph_nodes: int | None
-    """Number of lymph nodes on the way to the axilla; left out, drawn by the seed: most often none
-    or one, and rarely one within the breast."""
+    """Number of lymph nodes towards the axilla; default: drawn by the seed, most often none or one,
+    rarely one within the breast."""
 
     benign_calcifications: Literal["chance", "none", "vascular", "round", "popcorn", "rods", "skin"]
-    """Benign calcifications of a kind, none, or by chance: in arteries of one breast of thirteen,
-    others in one of seven. They have a label of their own and are not listed as lesions. Default:
-    chance."""
+    """Benign calcifications of one kind, none, or by chance: in the arteries of one breast in
+    thirteen, others in one in seven. They have their own label and are not listed as lesions.
+    Default: chance."""
 
     moles: int
     """Number of raised moles on the skin. Default: 0."""
 
     skin_folds: int
-    """Number of folds of the skin between breast and axilla. Default: 0."""
+    """Number of skin folds between breast and axilla. Default: 0."""
 
 
 class GenerateKeys(OtherGenerateKeys, total=False):
@@ -49,4 +49,5 @@ class GenerateKeys(OtherGenerateKeys, total=False):
     """Density class, by name or BI-RADS letter. Default: scattered."""
 
     voxel_mm: float
-    """Voxel size, mm: at 0.2 septa and margins look as they do in finer voxels. Default: 0.2."""
+    """Voxel size, mm; at 0.2 mm, septa and margins look as they do with finer voxels. Default:
+    0.2."""

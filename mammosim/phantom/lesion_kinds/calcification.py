@@ -28,15 +28,15 @@ class CalcificationKeys(Settings):
     """Keys of calcifications."""
 
     morphology: Literal["punctate", "pleomorphic", "linear", "vascular"] = "pleomorphic"
-    """Form of calcifications: round, irregular, in a row that forks along ducts, or in the wall of
-    an artery, which the breast must have there."""
+    """Form of calcifications: round, irregular, in a row that branches along ducts, or in the wall
+    of an artery, which the breast must have there."""
 
     count: int | None = Field(default=None, ge=1, le=200)
-    """Number of calcifications in a cluster, not of an artery; left out, drawn from 5 to 30."""
+    """Number of calcifications in a cluster (not in an artery); default: drawn from 5 to 30."""
 
     calcification_mm: float | None = Field(default=None, ge=0.05, le=3.0)
-    """Diameter of a ball of each calcification's volume, mm, or thickness of calcified wall; left
-    out, drawn for each from 0.1 to 0.8, and 0.08 in a wall."""
+    """Diameter of a sphere with each calcification's volume, mm, or thickness of calcified wall;
+    default: drawn for each from 0.1 to 0.8, and 0.08 in a wall."""
 
     @model_validator(mode="after")
     def _an_artery_has_no_count(self) -> Self:

@@ -23,31 +23,30 @@ class ViewKeys(CompressionKeys, ProjectionKeys, AcquisitionKeys, total=False):
     """Name of the view."""
 
     name: str | None
-    """What the run calls the view in place of `CC`, `MLO` or `ML`, as `CC_spot`: its folder is
-    named side and name. Needed where one view is made twice."""
+    """Name of the view in place of `CC`, `MLO` or `ML`, such as `CC_spot`; its folder is named by
+    side and name. Needed if one view is made twice."""
 
     laterality: Literal["L", "R"] | None
-    """Breast of which the view is made; left out, each that is imaged."""
+    """Breast to image; default: each breast of the run."""
 
     dbt: SeriesSettings | SeriesKeys | None
-    """Takes the view as a series of projections for tomosynthesis: how the tube moves, and what is
-    reconstructed."""
+    """Make the view a tomosynthesis series: how the tube moves, and what is reconstructed."""
 
     compression: Mapping[str, Any]
-    """Keys of `compression` for this view alone; they may also stand beside `view`."""
+    """Keys of `compression` for this view only; they may also be given directly beside `view`."""
 
     projection: Mapping[str, Any]
-    """Keys of `projection` for this view alone; they may also stand beside `view`."""
+    """Keys of `projection` for this view only; they may also be given directly beside `view`."""
 
     acquisition: Mapping[str, Any]
-    """Keys of `acquisition` for this view alone; they may also stand beside `view`."""
+    """Keys of `acquisition` for this view only; they may also be given directly beside `view`."""
 
 
 class RunKeys(TypedDict, total=False):
     """Keys of `RunConfig`."""
 
     patient: PatientSettings | PatientKeys | None
-    """Who the DICOM objects are about."""
+    """The patient in the DICOM objects."""
 
     phantom: PhantomSettings | PhantomKeys
     """The uncompressed breast: a file, or settings of the generator."""
@@ -62,21 +61,21 @@ class RunKeys(TypedDict, total=False):
     """Spectrum, detector, exposure and presentation."""
 
     targets: TargetsSettings | TargetsKeys
-    """What is reported of lesions and landmarks."""
+    """What is computed for lesions and landmarks."""
 
     export: ExportSettings | ExportKeys
     """Which files are written."""
 
     report: ReportSettings | ReportKeys
-    """The HTML page."""
+    """The HTML report."""
 
     seed: int
     """Seed of everything random: the generated breast, lesions, visiting order, noise. Default:
     1."""
 
     views: Sequence[ViewSettings | ViewKeys | Literal["CC", "MLO", "ML"]]
-    """Views to make: names, or mappings with the view's own values."""
+    """Views to make: names, or mappings with values for that view only."""
 
     laterality: Literal["L", "R"] | Sequence[Literal["L", "R"]] | None
-    """Which breast it is, or both as `[R, L]`; left out: what the phantom shows, else L. It never
-    mirrors."""
+    """Which breast it is, or both as `[R, L]`; default: as the phantom shows, otherwise L. It never
+    mirrors the phantom."""

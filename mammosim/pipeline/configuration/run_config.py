@@ -28,7 +28,7 @@ class RunConfig(Settings):
     """Everything that decides a run."""
 
     patient: PatientSettings | None = None
-    """Who the DICOM objects are about."""
+    """The patient in the DICOM objects."""
 
     phantom: PhantomSettings
     """The uncompressed breast: a file, or settings of the generator."""
@@ -43,13 +43,13 @@ class RunConfig(Settings):
     """Spectrum, detector, exposure and presentation."""
 
     targets: TargetsSettings = TargetsSettings()
-    """What is reported of lesions and landmarks."""
+    """What is computed for lesions and landmarks."""
 
     export: ExportSettings = ExportSettings()
     """Which files are written."""
 
     report: ReportSettings = ReportSettings()
-    """The HTML page."""
+    """The HTML report."""
 
     seed: int = Field(default=1, ge=0, le=2**63 - 1)
     """Seed of everything random: the generated breast, lesions, visiting order, noise."""
@@ -58,11 +58,11 @@ class RunConfig(Settings):
         default=(ViewSettings(view="CC"), ViewSettings(view="MLO")),
         min_length=1,
     )
-    """Views to make: names, or mappings with the view's own values."""
+    """Views to make: names, or mappings with values for that view only."""
 
     laterality: Side | tuple[Side, Side] | None = None
-    """Which breast it is, or both as `[R, L]`; left out: what the phantom shows, else L. It never
-    mirrors."""
+    """Which breast it is, or both as `[R, L]`; default: as the phantom shows, otherwise L. It never
+    mirrors the phantom."""
 
     @field_validator("laterality", mode="before")
     @classmethod

@@ -35,24 +35,23 @@ class ViewSettings(Settings):
     """Name of the view."""
 
     name: str | None = Field(default=None, pattern=VIEW_TITLE, max_length=32)
-    """What the run calls the view in place of `CC`, `MLO` or `ML`, as `CC_spot`: its folder is
-    named side and name. Needed where one view is made twice."""
+    """Name of the view in place of `CC`, `MLO` or `ML`, such as `CC_spot`; its folder is named by
+    side and name. Needed if one view is made twice."""
 
     laterality: Side | None = None
-    """Breast of which the view is made; left out, each that is imaged."""
+    """Breast to image; default: each breast of the run."""
 
     dbt: SeriesSettings | None = None
-    """Takes the view as a series of projections for tomosynthesis: how the tube moves, and what is
-    reconstructed."""
+    """Make the view a tomosynthesis series: how the tube moves, and what is reconstructed."""
 
     compression: dict[str, Any] = Field(default_factory=dict)
-    """Keys of `compression` for this view alone; they may also stand beside `view`."""
+    """Keys of `compression` for this view only; they may also be given directly beside `view`."""
 
     projection: dict[str, Any] = Field(default_factory=dict)
-    """Keys of `projection` for this view alone; they may also stand beside `view`."""
+    """Keys of `projection` for this view only; they may also be given directly beside `view`."""
 
     acquisition: dict[str, Any] = Field(default_factory=dict)
-    """Keys of `acquisition` for this view alone; they may also stand beside `view`."""
+    """Keys of `acquisition` for this view only; they may also be given directly beside `view`."""
 
     @classmethod
     def __get_pydantic_json_schema__(
