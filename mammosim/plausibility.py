@@ -51,9 +51,9 @@ class Limit:
 LIMITS: tuple[Limit, ...] = (
     Limit(
         "paddle_force_n", "force on the paddle", "N", LOW_FORCE_N, 200.0, 2000.0,
-        "check thickness, stiffness and the plates' edge; of a clinical force, 22 % in CC and 14 % "
-        "in MLO bear on the breast, the rest on the chest wall's tissue, which plates in front of "
-        "it do not press",
+        "check thickness, stiffness and the plates' edge; of a clinical force, the breast bears "
+        "22 % in CC and 14 % in MLO, and the tissue at the chest wall, which plates in front of "
+        "it do not reach, the rest",
         "the parts: 28 women under sensors (Dustler et al. 2021, Acta Radiol 62:1583). "
         f"High: {_MQSA}. Low and error: assumed; 49 to 186 N were measured in 560 women "
         "(Sullivan et al. 1991, Radiology 181:355)",
@@ -74,25 +74,26 @@ LIMITS: tuple[Limit, ...] = (
     Limit(
         "force_imbalance_percent", "difference between the forces on paddle and support", "%",
         -math.inf, 5.0, 50.0,
-        "the chest wall carries the rest; check the plates' heights (balanced if left out) and the "
+        "the chest wall carries the rest; check the plates' heights (default: balanced) and the "
         "solver's tolerance",
         "assumed: without gravity the two forces differ only by what the chest wall carries, "
         "which nobody measures; a technologist levels the support with the breast",
     ),
     Limit(
         "springs_volume_loss_percent", "loss of volume", "%", -math.inf, 3.0, 20.0,
-        "springs do not keep volume under strong compression; compression.model: hyperelastic does",
+        "springs do not conserve volume under strong compression; compression.model: hyperelastic "
+        "does",
         _CONTRACT,
     ),
     Limit(
         "springs_folded_percent", "share of folded cells", "%", -math.inf, 0.1, 2.0,
-        "springs fold beside the plates' edge under strong compression, the more the finer their "
-        "lattice; compression.model: hyperelastic does not",
+        "springs fold beside the plates' edge under strong compression, and more so on finer "
+        "lattices; compression.model: hyperelastic does not",
         _CONTRACT,
     ),
     Limit(
         "folded_elements", "number of folded elements", "", -math.inf, 0.0, 0.0,
-        "no solid can fold: compress less, or take larger elements",
+        "no solid can fold: compress less, or use larger elements",
         "a folded element has a negative volume",
     ),
     Limit(
@@ -115,7 +116,7 @@ LIMITS: tuple[Limit, ...] = (
         "magnified_focal_spot_mm", "focal spot of a magnified view", "mm", -math.inf, 0.15,
         math.inf,
         "magnified views are taken with the small focal spot (acquisition.focal_spot_mm: 0.1), "
-        "else its blur grows with the magnification",
+        "otherwise the blur grows with the magnification",
         "IEC 60336: a nominal spot of 0.1 mm measures up to 0.15 mm; larger ones blur what is "
         "magnified as in practice (Koutalonis et al. 2008, doi 10.1088/0031-9155/53/5/013)",
     ),
@@ -129,8 +130,8 @@ LIMITS: tuple[Limit, ...] = (
     Limit(
         "unknown_dose_angle_deg", "tube angle at which t, the dose over that of the upright tube, "
         "is taken as 1", "degrees", -math.inf, 0.0, math.inf,
-        "only acquisition.scatter.model: monte-carlo finds t; the dose of all projections is an "
-        "estimate, some per cent too high for a wide arc",
+        "only acquisition.scatter.model: monte-carlo computes t; the dose of all projections is "
+        "an estimate, some per cent too high for a wide arc",
         "t is the dose at an angle over that of the upright tube for the same load (Dance, Young "
         "and van Engen 2011, Phys Med Biol 56:453); it is 1 by definition at 0 degrees alone",
     ),
@@ -146,8 +147,8 @@ LIMITS: tuple[Limit, ...] = (
         "assumed",
     ),
     Limit(
-        "uniform_pixels_percent", "share of pixels in the breast with one and the same value", "%",
-        -math.inf, 50.0, math.inf, "the picture shows nothing; check acquisition.mas and the beam",
+        "uniform_pixels_percent", "share of pixels in the breast with the same value", "%",
+        -math.inf, 50.0, math.inf, "the image shows nothing; check acquisition.mas and the beam",
         "assumed",
     ),
 )  # fmt: skip

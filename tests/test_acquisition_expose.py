@@ -205,7 +205,7 @@ def test_metal_that_lets_nothing_through():
 
 def test_empty_field():
     nothing = body_paths({"adipose": np.zeros((40, 40))}, pixel_mm=PIXEL_MM)
-    with pytest.raises(InputError, match="no tissue is in the detector's field"):
+    with pytest.raises(InputError, match="there is no tissue in the detector's field"):
         expose(nothing)
     picture = expose(nothing, mas=10.0)
     assert not picture.for_presentation.any()
@@ -260,7 +260,7 @@ def test_exposure_control_is_limited_and_says_so():
         (0.5, "tube load: found 0.5 mAs, plausible from 1 mAs"),
         (900.0, "tube load: found 900 mAs, plausible up to 600 mAs"),
         (900.0, "mean glandular dose relative to the guideline's limit"),
-        (0.01, "share of pixels in the breast with one and the same value"),
+        (0.01, "share of pixels in the breast with the same value"),
     ],
 )
 def test_an_exposure_that_nobody_makes_is_doubted(mas, said):

@@ -74,7 +74,7 @@ def test_coloured_noise_keeps_its_colour():
 
 
 def test_pictures_smaller_than_a_square_are_refused():
-    with pytest.raises(InputError, match="no picture of 256 x 256 pixels"):
+    with pytest.raises(InputError, match="no image of 256 x 256 pixels"):
         noise_power([np.ones((200, 300))], PIXEL_MM)
 
 

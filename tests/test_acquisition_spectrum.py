@@ -120,7 +120,7 @@ def test_voltage_of_a_spectrum_file(tmp_path):
     assert make_beam("W", "Rh", 28.0, spectrum_file=str(path)).kvp == 28.0
     with pytest.raises(InputError, match=r"photons of 27\.75 keV, which a tube at .*kvp 25 cannot"):
         make_beam("W", "Rh", 25.0, spectrum_file=str(path))
-    with pytest.raises(InputError, match=r"acquisition\.kvp: left out, must be given"):
+    with pytest.raises(InputError, match=r"acquisition\.kvp: missing; it must be given"):
         make_beam("W", "Rh")
     binary = tmp_path / "binary.txt"
     binary.write_bytes(bytes(range(256)))

@@ -168,11 +168,11 @@ def test_a_finished_run_with_a_changed_file_is_run_again(user, tmp_path):
     path, output = write(user, "one.yaml", views=["CC"]), tmp_path / "out"
     assert invoke("run", path, "--output", output).exit_code == 0
     before = data_of(output)
-    assert "finished already" in invoke("run", path, "--output", output, "--resume").output
+    assert "already finished" in invoke("run", path, "--output", output, "--resume").output
     picture = output / "LCC" / "mammogram.tif"
     picture.write_bytes(picture.read_bytes()[:-1])
     result = invoke("run", path, "--output", output, "--resume")
-    assert "finished already" not in result.output
+    assert "already finished" not in result.output
     assert data_of(output) == before
 
 

@@ -23,7 +23,7 @@ GENERATED = {"density": "fatty", "voxel_mm": 2.0, "volume_ml": 300}
         {"name": f"c{number}", "kind": "clip"} for number in range(500)]}},
       "phantom.lesions: found 500 entries, expected at most 101"),
      ({"compression": {"thickness_mm": 90}}, "thickness_mm: found 90, but the breast between"),
-     ({"compression": {"plate_edge_mm": 60}}, "plate_edge_mm: found 60, but tissue reaches only"),
+     ({"compression": {"plate_edge_mm": 60}}, "plate_edge_mm: found 60, but tissue extends only"),
      ({"views": ["CC", {"view": "MLO", "thickness_mm": 80}]}, "thickness_mm: found 80"),
      ({"phantom": {"file": "breast.npz", "lesions": [
          {"name": "m", "kind": "mass", "position_mm": [29, 29, 29]}]}}, "phantom.lesions.0"),
@@ -38,7 +38,7 @@ GENERATED = {"density": "fatty", "voxel_mm": 2.0, "volume_ml": 300}
      ({"acquisition": {"scatter": False, "grid_scatter_transmission": None}},
       "acquisition.grid_scatter_transmission: found null"),
      ({"acquisition": {"filter_mm": 5}}, "acquisition.filter_mm: the beam has"),
-     ({"compression": {"model": "none", "thickness_mm": 40}}, "'none' moves nothing")],
+     ({"compression": {"model": "none", "thickness_mm": 40}}, "'none' does not compress")],
 )  # fmt: skip
 def test_what_run_refuses_is_refused_by_check(changes, message, tmp_path):
     path = write(save_breast(tmp_path), **changes)
@@ -99,7 +99,7 @@ def test_a_shadow_that_compression_makes_too_long_is_foreseen_as_cut_off(tmp_pat
      ({"compression": {"plate_edge_mm": 150}}, "plate_edge_mm: found 150"),
      ({"compression": {"model": "hyperelastic", "resolution_mm": 6,
                        "paddle": {"size_mm": [60, 60], "centre_mm": [40, 400]}}},
-      "beside the breast, which lies from"),
+      "beside the breast, which extends from"),
      ({"phantom": {"generate": GENERATED, "lesions": [
          {"name": "m", "kind": "mass", "position_mm": [200, 0, 0]}]}}, "outside the breast"),
      ({"phantom": {"generate": GENERATED, "landmarks": [
@@ -176,7 +176,7 @@ def test_a_breast_too_large_for_the_coarse_copy_is_refused_by_check(tmp_path, mo
     assert result.exit_code == 2
     said = " ".join(result.output.split())
     assert "LCC: acquisition.scatter: the compressed breast needs" in said
-    assert "at most 1e+03 are allowed; choose model: kernels" in said
+    assert "at most 1e+03 are allowed; use model: kernels" in said
     kernels = write(
         save_breast(tmp_path), views=["CC"], acquisition={"scatter": {"model": "kernels"}}
     )

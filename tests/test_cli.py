@@ -109,7 +109,7 @@ def test_a_full_folder_needs_a_word(folder, finished):
     assert "give --resume, --overwrite" in result.output
     result = invoke("run", folder / "run.yaml", "--output", finished, "--resume")
     assert result.exit_code == 0
-    assert "finished already" in result.output
+    assert "already finished" in result.output
 
 
 def test_a_view_may_have_its_own_values(folder):

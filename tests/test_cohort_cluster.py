@@ -60,7 +60,7 @@ def test_a_scheduler_that_goes_while_its_workers_are_asked():
     client = Mock()
     client.scheduler_info.return_value = {"workers": {}}
     client.run.side_effect = OSError("connection lost")
-    with pytest.raises(Interrupted, match=r"does not answer any more \(connection lost\)"):
+    with pytest.raises(Interrupted, match=r"no longer answers \(connection lost\)"):
         shares(client)
 
 
@@ -118,7 +118,7 @@ def test_an_outcome_lost_with_its_scheduler_ends_the_cohort(tmp_path):
     work = _Work(load_cohort(describe(tmp_path)), tmp_path, client, 1, 8.0, lambda _: None)
     work._submit()
     client.status = "closed"
-    with pytest.raises(Interrupted, match=r"not answer any more; 0 of 5 patients are done"):
+    with pytest.raises(Interrupted, match=r"no longer answers; 0 of 5 patients are done"):
         work.through()
 
 

@@ -125,7 +125,7 @@ BAD = [
     ({"cohort": {"patients": 0}}, r"cohort.patients: found 0"),
     ({"cohort": {"patients": 2, "patient": 3}}, r"cohort.patient: unknown key; did you mean"),
     ({"cohort": {"patients": 2, "dataset": {"split": {"train": 1}}}}, r"are 1.3 together"),
-    ({"seed": {"uniform": [1, 2]}}, r"seed: found .*, expected a whole number from 0"),
+    ({"seed": {"uniform": [1, 2]}}, r"seed: found .*, expected a whole number of 0 or more"),
     ({"laterality": {"choice": []}}, r"laterality.choice: found \[\]"),
     ({"laterality": {"choice": ["L"], "weights": [1, 2]}}, r"found 2 weights for 1 values"),
     ({"laterality": {"choice": ["L", "R"], "weights": [0, 0]}}, r"one of them above 0"),
@@ -136,11 +136,11 @@ BAD = [
         {"compression": {"thickness_mm": {"normal": [5, 1], "within": [6, 6]}}},
         r"within: the first number must be below",
     ),
-    ({"laterality": {"column": "side"}}, r"laterality: takes column 'side', but cohort.patients_"),
+    ({"laterality": {"column": "side"}}, r"laterality: uses column 'side', but cohort.patients_"),
     ({"cohort": {"patients_file": "nowhere.csv"}}, r"nowhere.csv: no such file"),
     ({"cohort": {"patients_file": "."}}, r"cannot be read \(it is a folder, expected a file\)"),
     ({"cohort": {"patients_file": "/dev/zero"}}, r"cannot be read \(it is a device"),
-    ({"cohort": {"patients_file": "twice.csv"}}, r"expected a header, each column's name once"),
+    ({"cohort": {"patients_file": "twice.csv"}}, r"expected a header with unique column names"),
     ({"cohort": {"patients_file": "ragged.csv"}}, r"line 3: found 1 cells, expected 2"),
     ({"cohort": {"patients_file": "two.csv", "patients": 3}}, r"found 3, but .* has 2 lines"),
     ({"cohort": {"patients_file": "bytes.csv"}}, r"cannot be read as CSV in UTF-8"),
@@ -179,7 +179,7 @@ def test_memory_decides_how_many_workers_there_are(monkeypatch):
     assert (asked.count, asked.threads, asked.memory_gb) == (2, 4, 10.0)
     assert share_machine(3.0, 100, None, 6.5).count == 2
     assert share_machine(3.0, 1, None, None).count == 1
-    with pytest.raises(InputError, match=r"takes about 30 GB of memory, but 20 GB are to be had"):
+    with pytest.raises(InputError, match=r"takes about 30 GB of memory, but 20 GB are available"):
         share_machine(30.0, 100, None, None)
 
 
@@ -187,7 +187,7 @@ def test_memory_decides_how_many_workers_there_are(monkeypatch):
     ("export", "message"),
     [
         ({"tiff": False}, r"export.tiff: found false, but cohort.dataset needs its masks"),
-        ({"dicom": False}, r"export.dicom: found false, but cohort.dataset takes its pictures"),
+        ({"dicom": False}, r"export.dicom: found false, but cohort.dataset takes its images"),
     ],
 )
 def test_a_data_set_needs_the_files_that_it_is_made_of(export, message, tmp_path):
@@ -230,7 +230,7 @@ def test_check_tells_what_a_cohort_takes(tmp_path):
     assert result.exit_code == 0
     assert "cohort: 8 patients, seed 4\ndrawn: phantom.generate.volume_ml\n" in result.output
     assert "patient 0: phantom: generated" in result.output
-    assert "GB of memory a worker" in result.output
+    assert "GB of memory per worker" in result.output
 
 
 def test_check_lists_what_is_wrong_with_the_first_patients(tmp_path):
@@ -252,7 +252,7 @@ def test_a_cohorts_file_is_not_a_runs(tmp_path):
 
 def test_the_plan_of_a_cohort_shares_out_this_machine(tmp_path):
     found = plan_cohort(cohort(tmp_path, ["cohort.patients=200"]))
-    assert "the first 50 patients were looked at" in found.lines
+    assert "the first 50 patients were checked" in found.lines
     more = plan_cohort(cohort(tmp_path, ["cohort.patients=400"]))
     assert more.hours == pytest.approx(2 * found.hours)
     with pytest.raises(InputError, match=r"a patient takes about .* GB of memory, but 0.1 GB"):

@@ -114,7 +114,7 @@ def disturbed(description) -> Path:
     patient.setattr("mammosim.cohort.cluster.CONNECT_S", 10.0)
     try:
         stop_when(lambda: finished(folder) >= 1, processes[0])
-        with pytest.raises(Interrupted, match=r"the scheduler does not answer any more"):
+        with pytest.raises(Interrupted, match=r"the scheduler no longer answers"):
             run_cohort(cohort, folder, scheduler=address)
     finally:
         patient.undo()

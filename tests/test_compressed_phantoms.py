@@ -204,7 +204,7 @@ def test_a_compressed_breast_that_is_compressed_again_says_so(tmp_path):
     ("views", "compression", "why"),
     [(["CC", "MLO"], {"model": "none"}, "compression.model is none"),
      (["CC"], {"model": "none"}, "compression.model is none"),
-     (["CC", "MLO"], {"thickness_mm": 30}, "2 views are asked for")],
+     (["CC", "MLO"], {"thickness_mm": 30}, "2 views are requested")],
 )  # fmt: skip
 def test_the_view_of_a_compressed_breast_must_be_known(views, compression, why, tmp_path):
     save(tmp_path, slab())
@@ -213,7 +213,7 @@ def test_the_view_of_a_compressed_breast_must_be_known(views, compression, why, 
     assert result.exit_code == 2
     said = " ".join(result.output.split())
     expected = (
-        f"phantom.compressed_for: left out, but the phantom holds plates (label 50) and {why}"
+        f"phantom.compressed_for: not given, but the phantom contains plates (label 50) and {why}"
     )
     assert expected in said
     assert invoke("run", path, "--output", tmp_path / "out").exit_code == 2
@@ -223,13 +223,13 @@ def test_the_view_of_a_compressed_breast_must_be_known(views, compression, why, 
 def test_what_is_not_known_of_a_compressed_breast_is_said(tmp_path):
     breast = read_phantom(save(tmp_path, slab()))
     assert "taken for those of CC" in compress(breast, "CC", model="none").notes[0]
-    assert any("which breast it is: left was taken" in note for note in breast.notes)
+    assert any("which breast it is: left was assumed" in note for note in breast.notes)
     keys = {"phantom": {"file": "a.npz"}, "compression": {"thickness_mm": 30, "resolution_mm": 8}}
     result = invoke("check", write(tmp_path, **keys, views=["CC"]))
     assert result.exit_code == 0
     said = " ".join(result.output.split())
     assert "warning: LCC: the phantom holds plates, but phantom.compressed_for was left" in said
-    assert "warning: a compressed breast does not show which breast it is: left was taken" in said
+    assert "warning: a compressed breast does not show which breast it is: left was assumed" in said
     with pytest.raises(InputError, match="compressed_for: found 'XCC'"):
         read_phantom(tmp_path / "a.npz", compressed_for="XCC")
 
@@ -293,6 +293,6 @@ def test_noise_of_masses_is_refused(tmp_path):
 def test_the_side_is_never_guessed_silently(tmp_path):
     labels, voxel = scene()
     path = save(tmp_path, labels, voxel_mm=np.full(3, voxel))
-    assert any("which breast it is: left was taken" in n for n in read_phantom(path).notes)
+    assert any("which breast it is: left was assumed" in n for n in read_phantom(path).notes)
     assert not any("which breast" in note for note in read_phantom(path, laterality="R").notes)
     assert SMALL["projection"]["pixel_mm"] == 0.8

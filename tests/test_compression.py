@@ -165,7 +165,9 @@ def test_a_force_finds_its_thickness(breast):
 
 
 def test_a_force_that_springs_cannot_bear_names_the_largest(breast):
-    with pytest.raises(mammosim.InputError, match=r"force_n: found 500 N.*bears at most [\d.]+ N"):
+    with pytest.raises(
+        mammosim.InputError, match=r"force_n: found 500 N.*supports at most [\d.]+ N"
+    ):
         compress(breast, "CC", force_n=500.0, resolution_mm=3.0)
 
 
@@ -235,7 +237,7 @@ def test_tissue_that_hangs_on_nothing_is_left_out_and_said():
         labels, breast.voxel_mm, breast.origin_mm, "L", breast.tissue_of_label, breast.nipple_mm
     )
     lattice = build_lattice(apart, View("CC", "L"), 2.0, Moduli("thesis"))
-    assert any("not tied to the chest wall" in note for note in lattice.notes)
+    assert any("not connected to the chest wall" in note for note in lattice.notes)
 
 
 @pytest.mark.parametrize(
@@ -263,12 +265,12 @@ def test_tissue_that_hangs_on_nothing_is_left_out_and_said():
         ({"thickness_mm": 30.0, "force_n": 5.0}, r"give one of thickness_mm, force_n"),
         ({"paddle_z_mm": 30.0}, r"given together or not at all"),
         ({"paddle_z_mm": -30.0, "support_z_mm": 0.0}, r"must be greater than support_z_mm"),
-        ({"plate_edge_mm": 80.0}, r"plate_edge_mm: found 80, but tissue reaches only to"),
+        ({"plate_edge_mm": 80.0}, r"plate_edge_mm: found 80, but tissue extends only to"),
         (
             {"resolution_mm": "fine"},
             r"compression.resolution_mm: found 'fine', expected a valid number",
         ),
-        ({"model": "none", "thickness_mm": 30.0}, r"'none' moves nothing"),
+        ({"model": "none", "thickness_mm": 30.0}, r"'none' does not compress"),
     ],
 )
 def test_bad_settings_say_what_is_allowed(settings, message, breast):

@@ -97,8 +97,8 @@ def test_missing_file():
         ("a: !!python/object/apply:os.system [ls]", "not valid YAML"),
         ("? [1, 2]\n: 3", "not plain YAML"),
         ("2024-05-01: 3", "not plain YAML"),
-        ('a: "\\ud800"', "which is no text"),
-        ('"\\udc00": 1', "which is no text"),
+        ('a: "\\ud800"', "which is not valid text"),
+        ('"\\udc00": 1', "which is not valid text"),
         ("a: &x [*x]", r"an alias that refers to itself"),
         (
             "a: &a [x, x, x, x, x, x, x, x, x]\n"
@@ -146,5 +146,5 @@ def test_written_yaml_reads_back(tmp_path):
 def test_what_is_not_plain_json_is_refused(text, tmp_path):
     path = tmp_path / "bad.json"
     path.write_text(text)
-    with pytest.raises(InputError, match=r"not valid JSON|which is no text"):
+    with pytest.raises(InputError, match=r"not valid JSON|which is not valid text"):
         read_yaml(path)

@@ -96,7 +96,7 @@ def test_springs_pressed_flat_are_no_result(breast):
 
 @pytest.mark.parametrize(
     ("heights_mm", "said"),
-    [((500.0, 540.0), "push the whole breast"), ((-60.0, 62.0), "a plate must touch it")],
+    [((500.0, 540.0), "displace the whole breast"), ((-60.0, 62.0), "a plate must touch it")],
 )
 def test_plates_that_do_not_compress_are_refused(breast, heights_mm, said):
     low, high = heights_mm

@@ -116,7 +116,7 @@ def test_the_plan_of_an_exam_holds_both_breasts():
         ),
         ({"patient": {"birth_date": "20010101"}}, "expected a date 0 to 130 years before"),
         ({"patient": {"birth_date": "19700230"}}, "expected a date as YYYYMMDD"),
-        ({"patient": {"name": "a\\b"}}, "holds a backslash"),
+        ({"patient": {"name": "a\\b"}}, "contains a backslash"),
         ({"patient": {"accession": "A" * 17}}, "patient.accession"),
     ],
 )

@@ -188,8 +188,14 @@ def test_a_hanging_column_stretches_by_its_weight():
             {"skin": {"young_kpa": 50.0}, "stiffness_kpa": {"skin": 60.0}},
             "give one of skin.young_kpa and stiffness_kpa.skin",
         ),
-        ({"model": "springs", "skin": {"young_kpa": 50.0}}, "skin: only the model hyperelastic"),
-        ({"model": "springs", "fibres": {"ratio": 2.0}}, "fibres: only the model hyperelastic"),
+        (
+            {"model": "springs", "skin": {"young_kpa": 50.0}},
+            "skin: valid for the model hyperelastic only",
+        ),
+        (
+            {"model": "springs", "fibres": {"ratio": 2.0}},
+            "fibres: valid for the model hyperelastic only",
+        ),
         ({"model": "springs", "chest_wall": "fascia"}, "chest_wall: fascia needs model: hyper"),
     ],
 )
@@ -200,10 +206,10 @@ def test_bad_settings_are_named(keys, says):
 
 def test_a_sheet_needs_skin():
     bare = skinned(3.0, with_skin=False)
-    with pytest.raises(InputError, match=r"compression.skin: found for .*no voxels of skin"):
+    with pytest.raises(InputError, match=r"compression.skin: found for .*no skin voxels"):
         mammosim.compress(bare, "CC", **KEYS, skin={"young_kpa": 100.0})
     described = CompressionSettings(**KEYS, skin={"young_kpa": 100.0})
-    with pytest.raises(InputError, match=r"compression.skin: found for .*no voxels of skin"):
+    with pytest.raises(InputError, match=r"compression.skin: found for .*no skin voxels"):
         check_plates(bare, View("CC", "L", 45.0), described)  # before anything moves
     found = mammosim.compress(bare, "CC", **KEYS)  # the set's own sheet: none, and no word of it
     assert "skin_mm" not in found.measures
@@ -262,7 +268,7 @@ def test_a_spot_paddle_presses_a_part_of_the_breast_with_less_force(usual):
     [
         ({"centre_mm": (140.0, 0.0), "size_mm": (60.0, 60.0)},
          r"compression.paddle: found one from x = 110.0 to 170.0 mm .* beside the breast, which "
-         r"lies from x = .* in CC"),
+         r"extends from x = .* in CC"),
         ({"centre_mm": (30.0, 0.0), "size_mm": (60.0, 60.0)},
          r"must not reach behind the plates' edge at x = 10.0 mm"),
         ({"size_mm": (5.0, 60.0)},
@@ -277,7 +283,7 @@ def test_a_paddle_that_cannot_be_is_refused(keys, message):
 
 
 def test_springs_know_no_other_paddle():
-    with pytest.raises(InputError, match="paddle: only the model hyperelastic knows that"):
+    with pytest.raises(InputError, match="paddle: valid for the model hyperelastic only"):
         mammosim.compress(skinned(), "CC", model="springs", paddle={"size_mm": (60.0, 60.0)})
 
 

@@ -156,10 +156,10 @@ def bad_files(folder):
         "holes.stl": "has holes: 6 of",
         "none.npz": "all 64 voxels are 0",
         "odd.npz": "values from 2.5 to 2.5, expected",
-        "size.npy": "does not say its voxel size; give the lesion's voxel_mm",
+        "size.npy": "does not give its voxel size; set the lesion's voxel_mm",
         "text.stl": r"(cannot be read as a surface|holds no triangles)",
         "volume.vtk": "meshio convert volume.vtk volume.stl",
-        "mass.h5": r"(cannot be read, expected HDF5|pip install mammosim\[hdf5\])",
+        "mass.h5": r"(cannot be read, expected HDF5|HDF5 files need h5py)",
         "gone.stl": "no such file",
         "gone.nii.gz": "no such file",
     }

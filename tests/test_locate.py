@@ -198,7 +198,7 @@ BAD = [
     (
         ["--view", "CC", "--pixel", 150, 10, "--view", "MLO", "--pixel", 150, 10,
          "--height-mm", 5],
-        r"a height goes with one view",
+        r"a height can be given for one view",
     ),
 ]  # fmt: skip
 
@@ -266,4 +266,4 @@ def test_pixels_of_two_things_are_questioned(run):
     ]
     pixels[1] = (pixels[1][0], pixels[1][1] - 4.0)  # well inside the skin
     lines = located_lines(locate_in_run(run, ["CC", "MLO"], pixels))
-    assert "do they show the same thing?" in lines[-1]
+    assert "do they show the same lesion?" in lines[-1]

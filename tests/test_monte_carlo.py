@@ -332,7 +332,7 @@ def test_an_element_without_tables_is_refused():
 
 
 def test_a_spectrum_beyond_the_tables_is_refused():
-    with pytest.raises(InputError, match=r"photons of 0.5 to 28 keV, the scattering tables hold"):
+    with pytest.raises(InputError, match=r"photons of 0.5 to 28 keV, the scattering tables cover"):
         photon_tables([GLAND], 0.5, 28.0)
     with pytest.raises(InputError, match=r"photons of 10 to 160 keV"):
         photon_tables([GLAND], 10.0, 160.0)

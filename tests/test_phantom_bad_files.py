@@ -178,7 +178,7 @@ def test_oblique_axes_are_refused(tmp_path):
      ({"Offset": "1 1 1e300"}, "origin is"),
      ({"TransformMatrix": "1 0 0"}, "expected nine numbers"),
      ({"ElementType": "MET_STRING"}, "ElementType is 'MET_STRING', expected one of MET_UCHAR"),
-     ({"ElementNumberOfChannels": "3"}, "more than one value a voxel"),
+     ({"ElementNumberOfChannels": "3"}, "more than one value per voxel"),
      ({"ElementDataFile": "../b.raw"}, "expected a file beside the header"),
      ({"HeaderSize": "a"}, "HeaderSize is 'a', expected a whole number from -1"),
      ({"HeaderSize": "99999"}, "holds 0 bytes of voxels, expected 693"),
@@ -237,10 +237,10 @@ def test_npz_without_its_arrays(tmp_path):
 
 def test_more_than_one_value_a_voxel(tmp_path):
     sitk.WriteImage(sitk.Image([4, 4, 4], sitk.sitkVectorUInt8, 3), str(tmp_path / "b.mha"))
-    with pytest.raises(InputError, match="more than one value a voxel, expected a volume"):
+    with pytest.raises(InputError, match="more than one value per voxel, expected a volume"):
         read_phantom(tmp_path / "b.mha")
     sitk.WriteImage(sitk.Image([4, 4, 4], sitk.sitkVectorUInt8, 3), str(tmp_path / "b.nrrd"))
-    with pytest.raises(InputError, match="3 values a voxel, expected one volume"):
+    with pytest.raises(InputError, match="3 values per voxel, expected one volume"):
         read_phantom(tmp_path / "b.nrrd")
 
 
@@ -325,7 +325,7 @@ def test_nrrd_headers_that_lie(tmp_path, changes, message):
     [(40, "8h", (3, 7, 9, 12, 1, 1, 1, 1), "1045 bytes cannot hold the 1108 bytes"),
      (40, "8h", (3, 30000, 30000, 30000, 1, 1, 1, 1), r"bytes cannot hold the 270000+352 bytes"),
      (40, "8h", (3, -7, 9, 11, 1, 1, 1, 1), "its header cannot be used"),
-     (40, "8h", (5, 7, 9, 11, 1, 3, 1, 1), "cannot hold|values a voxel|holds 1045 bytes"),
+     (40, "8h", (5, 7, 9, 11, 1, 3, 1, 1), "cannot hold|values per voxel|holds 1045 bytes"),
      (72, "h", (0,), "its header cannot be used"),
      (76, "8f", (1, 0.5, float("nan"), 1, 0, 0, 0, 0), r"voxel size is \[0.5, nan, 1.0\] mm"),
      (76, "8f", (1, 0.5, -0.75, 1, 0, 0, 0, 0), "expected three positive numbers"),
@@ -347,7 +347,7 @@ def test_nifti_without_qform_and_sform_does_not_say_its_axes(tmp_path):
     content = bytearray(path.read_bytes())
     struct.pack_into("<2h", content, 252, 0, 0)
     path.write_bytes(content)
-    assert any("does not say how its axes lie" in note for note in read_phantom(path).notes)
+    assert any("does not give its axis directions" in note for note in read_phantom(path).notes)
 
 
 @pytest.mark.parametrize("shape", ["(700, 900, 1100)", "(7, 9, 12)", "(10000000000, 7, 9)"])
@@ -410,7 +410,7 @@ def test_npz_with_pickled_objects_or_large_companions(tmp_path):
      ({"SX": "nan"}, r"voxel size is \[nan, 0.75, 1.0\] mm, expected three positive"),
      ({"SY": "thin"}, "Voxel_Array/VOXEL_SIZE_MM/Y is 'thin', expected a number"),
      ({"order": "Z | Y | X"}, "VOXEL_ARRAY_ORDER is 'Z | Y | X', expected 'X | Y | Z'"),
-     ({"bits": "16"}, "of 16 bits, expected one byte a voxel"),
+     ({"bits": "16"}, "of 16 bits, expected one byte per voxel"),
      ({"type": "V_INT16"}, "its voxels are V_INT16 of 8 bits")],
 )  # fmt: skip
 def test_openvct_descriptions_that_lie(tmp_path, changes, message):
@@ -544,8 +544,8 @@ def test_missing_and_double_slices_by_their_numbers(tmp_path, number):
      ("ImageOrientationPatient", [1, 0, 0, 0, 1, 0], "ImageOrientationPatient is"),
      ("Rows", 5, "size is .7, 5., but .7, 9."),
      ("RescaleIntercept", 3, "rescaling is .1.0, 3.0., but .1.0, 0.0."),
-     ("NumberOfFrames", 3, "holds 3 frames with 1 values a pixel, expected one slice"),
-     ("SamplesPerPixel", 3, "holds 1 frames with 3 values a pixel")],
+     ("NumberOfFrames", 3, "holds 3 frames with 1 values per pixel, expected one slice"),
+     ("SamplesPerPixel", 3, "holds 1 frames with 3 values per pixel")],
 )  # fmt: skip
 def test_a_slice_that_does_not_belong(tmp_path, tag, value, message):
     folder = save_series(tmp_path / SERIES, small_breast())
@@ -562,7 +562,7 @@ def test_a_slice_that_does_not_belong(tmp_path, tag, value, message):
     [({"PixelSpacing": [0.0, 0.5]}, "expected three positive numbers"),
      ({"PixelSpacing": ["nan", 0.5]}, "expected three positive numbers|damaged DICOM header"),
      ({"ImageOrientationPatient": [1, 0, 0, 1, 0, 0]}, "expected two unit vectors at right angles"),
-     ({"ImageOrientationPatient": [0, 0.6, 0.8, 1, 0, 0]}, "shifted against each other|oblique"),
+     ({"ImageOrientationPatient": [0, 0.6, 0.8, 1, 0, 0]}, "relative to each other|oblique"),
      ({"BitsAllocated": 64}, "its pixels have 64 bits, expected whole numbers of 8, 16 or 32"),
      ({"Rows": 60000, "Columns": 60000}, "bytes cannot hold the 3600000000 bytes")],
 )  # fmt: skip
@@ -574,7 +574,7 @@ def test_series_that_cannot_be_used(tmp_path, changes, message):
 
 def test_a_folder_without_pictures(tmp_path):
     (tmp_path / "readme.txt").write_text("nothing")
-    with pytest.raises(InputError, match="the folder holds no DICOM pictures"):
+    with pytest.raises(InputError, match="the folder contains no DICOM images"):
         read_phantom(tmp_path)
 
 
@@ -584,15 +584,15 @@ def test_a_folder_without_pictures(tmp_path):
 def test_tiff_pages_that_are_no_volume(tmp_path):
     path = tmp_path / "b.tif"
     tifffile.imwrite(path, np.zeros((5, 6), np.uint8))
-    with pytest.raises(InputError, match="expected one value a pixel on two pages or more"):
+    with pytest.raises(InputError, match="expected one value per pixel on two or more pages"):
         read_phantom(path)
     tifffile.imwrite(path, np.zeros((4, 5, 6, 3), np.uint8), photometric="rgb")
-    with pytest.raises(InputError, match="expected one value a pixel on two pages or more"):
+    with pytest.raises(InputError, match="expected one value per pixel on two or more pages"):
         read_phantom(path)
     with tifffile.TiffWriter(path) as writer:
         writer.write(np.zeros((5, 6), np.uint8), metadata=None)
         writer.write(np.zeros((7, 8), np.uint8), metadata=None)
-    with pytest.raises(InputError, match="holds 2 pictures of different sizes"):
+    with pytest.raises(InputError, match="holds 2 images of different sizes"):
         read_phantom(path)
 
 
@@ -616,7 +616,7 @@ def test_tiff_with_a_spacing_that_is_none(tmp_path, spacing):
         path, small_breast().transpose(2, 1, 0), imagej=True, resolution=(2, 2), metadata=described
     )
     if spacing == "wide":
-        assert any("does not say its voxel size" in note for note in read_phantom(path).notes)
+        assert any("does not give its voxel size" in note for note in read_phantom(path).notes)
         return
     with pytest.raises(InputError, match="expected three positive numbers"):
         read_phantom(path)

@@ -235,8 +235,8 @@ def test_every_lesion_outside_is_named_at_once(breast):
     )
     assert "'air' at [28.0, 20.0, 20.0] mm lies outside the breast" in air
     assert "phantom.lesions.2: 'edge'" in edge
-    assert "reaches out of the breast with its 8 mm" in edge
-    assert "reaches out of the breast with its 8 mm" in wall
+    assert "extends beyond the breast with its 8 mm" in edge
+    assert "extends beyond the breast with its 8 mm" in wall
 
 
 def test_overlaps_names_and_room(breast):
@@ -251,7 +251,7 @@ def test_overlaps_names_and_room(breast):
     with pytest.raises(InputError, match=r"'big': no place has room for its 60\.0 mm"):
         insert_lesions(breast, [lesion("big", diameter_mm=60.0)], rng())
     many = [lesion(f"m{n}", diameter_mm=1.0) for n in range(102)]
-    with pytest.raises(InputError, match="found 102, at most 101 can be told apart"):
+    with pytest.raises(InputError, match="found 102, at most 101 can be distinguished"):
         insert_lesions(breast, many, rng())
 
 

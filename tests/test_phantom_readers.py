@@ -52,7 +52,7 @@ def test_every_format_gives_the_same_breast(tmp_path, suffix, zipped):
     assert breast.labels.flags.c_contiguous
     np.testing.assert_array_equal(breast.labels, small_breast())
     if suffix in NO_PLACE:
-        assert any("does not say how its axes lie" in note for note in breast.notes)
+        assert any("does not give its axis directions" in note for note in breast.notes)
         np.testing.assert_array_equal(breast.origin_mm, 0.0)
     elif suffix != ".vctx":
         # NIfTI keeps its numbers in single precision.
@@ -119,7 +119,7 @@ def test_nrrd_without_a_space_does_not_say_its_axes(tmp_path, encoding):
     np.testing.assert_array_equal(breast.labels, small_breast())
     np.testing.assert_allclose(breast.voxel_mm, SPACING)
     notes = read_phantom(tmp_path / "b.nrrd").notes
-    assert any("does not say how its axes lie" in note for note in notes)
+    assert any("does not give its axis directions" in note for note in notes)
 
 
 @pytest.mark.parametrize("axes", ["ALS", "LSA", "SAL", "PRS", "ARI", "RSP"])
@@ -145,7 +145,7 @@ def test_a_dicom_series_without_positions_goes_by_its_numbers(tmp_path):
     breast = read_phantom(folder)
     np.testing.assert_array_equal(breast.labels, small_breast())
     np.testing.assert_allclose(breast.voxel_mm, SPACING)
-    assert any("InstanceNumber gave their order" in note for note in breast.notes)
+    assert any("slices were ordered by InstanceNumber" in note for note in breast.notes)
 
 
 def test_a_dicom_series_among_other_files(tmp_path):
@@ -330,7 +330,7 @@ def test_gzip_of_several_members(tmp_path):
 def test_turning_matrix_without_orientation_is_noted_and_not_used(tmp_path):
     breast = read_phantom(save_victre(tmp_path, TransformMatrix="0 1 0 1 0 0 0 0 1"))
     np.testing.assert_array_equal(breast.labels, small_breast())
-    assert any("says no orientation: not turned" in note for note in breast.notes)
+    assert any("gives no orientation: not rotated" in note for note in breast.notes)
 
 
 def test_labels_by_a_map_of_ones_own_beyond_a_byte(tmp_path):
@@ -356,7 +356,9 @@ def test_both_breasts_in_one_file_are_noted(tmp_path):
     labels[1:10, 3:17, 2:14] = labels[1:10, 23:37, 3:14] = 1
     np.save(tmp_path / "b.npy", labels)
     notes = read_phantom(tmp_path / "b.npy", laterality="L", voxel_mm=2.0).notes
-    assert any("92 % of the other's volume, as of both breasts in one file" in one for one in notes)
+    assert any(
+        "92 % of the other's volume, possibly both breasts in one file" in one for one in notes
+    )
     assert not any("specks" in one for one in notes)
 
 
@@ -366,7 +368,7 @@ def test_the_fda_phantom():
     assert breast.labels.shape == (374, 448, 449)
     np.testing.assert_allclose(breast.origin_mm, [-9.4, -36.0534, -45.1184])
     assert breast.laterality == "R"
-    assert "60 specks (286 voxels) lie apart from the main body; they were kept" in breast.notes
+    assert "60 specks (286 voxels) are separate from the main body; they were kept" in breast.notes
     summary = phantom_summary(breast)
     # The data's own description: 218.7 mL of breast without muscle.
     assert summary.breast_ml == pytest.approx(218.7, abs=0.05)

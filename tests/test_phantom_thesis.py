@@ -48,7 +48,7 @@ def test_codes_come_into_the_breast_frame_cropped(tmp_path):
     np.testing.assert_allclose(mass.position_mm, [5.0, 0.0, 1.0])
     np.testing.assert_allclose(breast.origin_mm, [0.0, -3.0, 0.0])
     assert (breast.labels != 0).all()
-    assert "1 mm was taken" in breast.notes[0]
+    assert "1 mm was assumed" in breast.notes[0]
 
 
 def test_every_voxel_is_where_the_thesis_puts_it(tmp_path):

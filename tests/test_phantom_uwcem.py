@@ -60,7 +60,7 @@ def test_converted_to_labels_of_our_own(tmp_path):
         ("-1\n" * 8, "s1=2\ns2=2\n", "found no size, expected lines s1="),
         ("-1\n" * 7 + " \n" * 3, "s1=2\ns2=2\ns3=2\n", "holds 7 values, expected 8 for 2 x 2 x 2"),
         ("-1\n" * 9, "s1=2\ns2=2\ns3=2\n", "holds 9 values, expected 8"),
-        ("-1\n" * 7 + "fat\n", "s1=2\ns2=2\ns3=2\n", "expected numbers, one a line"),
+        ("-1\n" * 7 + "fat\n", "s1=2\ns2=2\ns3=2\n", "expected one number per line"),
         ("-1\n" * 7 + "1.15\n", "s1=2\ns2=2\ns3=2\n", r"holds the value 1\.15, expected labels of"),
         ("-1\n" * 7 + "5\n", "s1=2\ns2=2\ns3=2\n", r"label 5 \(.*is not in the label map"),
         ("-1\n", "s1=900\ns2=900\ns3=900\n", "bytes cannot hold the"),

@@ -249,7 +249,7 @@ def test_map_without_tissue_or_too_small_is_refused():
 def test_label_without_tissue_is_refused():
     breast = block()
     breast.labels[3, 3, 3] = 77
-    with pytest.raises(InputError, match=r"label \[77\], which no tissue has"):
+    with pytest.raises(InputError, match=r"label \[77\], which belongs to no tissue"):
         project(unsqueezed(breast))
 
 

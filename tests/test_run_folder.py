@@ -148,7 +148,7 @@ def test_resuming_a_finished_run_writes_nothing(user, monkeypatch):
     monkeypatch.setattr("mammosim.pipeline.writing", _refused)
     result = invoke("run", config, "--output", output, "--resume")
     assert result.exit_code == 0
-    assert "finished already" in result.output
+    assert "already finished" in result.output
 
 
 def _refused(*arguments, **keys):

@@ -74,7 +74,7 @@ def test_targets_out_of_field_or_lattice_are_told():
     assert target_doubts(squeezed, targets, origins) == ()
     lost = [dataclasses.replace(targets[0], in_field=False), *targets[1:]]
     (note,) = target_doubts(squeezed, lost, origins)
-    assert note == "LCC: mass 'mass 1' is not in the picture; no needle can be aimed by it"
+    assert note == "LCC: mass 'mass 1' is not in the image; no needle can be aimed at it"
 
 
 def test_a_speck_that_hangs_on_nothing_is_doubted():

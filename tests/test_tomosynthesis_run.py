@@ -210,7 +210,7 @@ def test_a_system_fills_what_is_left_out():
 BEFOREHAND = [
     (
         {"views": [{"dbt": {"view": "CC", "angle_range_deg": 180, "pivot_to_detector_mm": 10}}]},
-        r"angle_range_deg: found 180, which turns the focal spot down to 10 mm above the detector",
+        r"angle_range_deg: found 180, which moves the focal spot down to 10 mm above the detector",
     ),
     (
         {

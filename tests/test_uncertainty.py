@@ -389,7 +389,7 @@ def test_samples_that_fail_are_told(folder, monkeypatch):
     path = write(folder, "fail.yaml", views=["CC"], targets={"uncertainty": {"samples": 10}})
     assert invoke("run", path, "--output", folder / "fail").exit_code == 0
     said = (folder / "fail" / "run.json").read_text()
-    assert "LCC: 10 of 10 samples did not converge and were left out: 1 (gap " in said
+    assert "LCC: 10 of 10 samples did not converge and were omitted: 1 (gap " in said
     assert re.search(r"lattice \d\); and 5 more", said)
     assert not (folder / "fail" / "uncertainty.csv").exists()
 

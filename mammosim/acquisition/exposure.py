@@ -91,8 +91,8 @@ def dense_signal(
     """
     if not np.any(tissue_mm > 0.0):
         raise InputError(
-            "acquisition: no tissue is in the detector's field, so nothing can be exposed for: "
-            "check projection.detector_edge_mm, or give acquisition.mas"
+            "acquisition: there is no tissue in the detector's field for exposure control: check "
+            "projection.detector_edge_mm, or give acquisition.mas"
         )
     smooth = uniform_filter(signal, max(1, round(REGION_MM / cell_mm)), mode="nearest")
     full = tissue_mm >= FULL_THICKNESS * min(thickness_mm, float(tissue_mm.max()))

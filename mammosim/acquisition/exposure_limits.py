@@ -19,8 +19,8 @@ WHITE = 16383
 """Largest pixel value, of 14 bits."""
 
 _GRID_ON_A_STAND = (
-    "an anti-scatter grid in a magnified view: these are taken without one (acquisition.grid: "
-    "false), since the gap below the stand keeps scatter from the detector already"
+    "an anti-scatter grid in a magnified view: these are taken without a grid (acquisition.grid: "
+    "false), since the air gap below the stand already reduces scatter"
 )
 """Practice with a magnification stand: no grid, focal spot of 0.1 mm (Bushberg et al., The
 Essential Physics of Medical Imaging, chapter on mammography)."""
@@ -63,7 +63,7 @@ def with_warnings(
         found.insert(0, (
             f"exposure control asks for {wanted_mas:.4g} mAs and is limited to "
             f"{MAX_CONTROLLED_MAS:g} mAs: the detector gets "
-            f"{100.0 * MAX_CONTROLLED_MAS / wanted_mas:.3g} % of the signal it is set to"
+            f"{100.0 * MAX_CONTROLLED_MAS / wanted_mas:.3g} % of the intended signal"
         ))  # fmt: skip
     found += magnification_warnings(image.gantry.magnification, image.focal_spot_mm, image.grid)
     breast = arrival.paths.breast

@@ -12,8 +12,8 @@ from mammosim.acquisition.signal import Response
 from mammosim.errors import InputError
 
 NO_DIRECTIONS = (
-    "acquisition.grid_scatter_transmission: found null, which is for scatter model monte-carlo "
-    "with a breast; give the part of the scatter that the grid lets through"
+    "acquisition.grid_scatter_transmission: found null, which needs scatter model monte-carlo and "
+    "a breast; give the fraction of the scatter that the grid transmits"
 )
 
 

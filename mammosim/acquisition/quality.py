@@ -136,7 +136,7 @@ def noise_power(
                 total += power / square.mean() ** 2
                 squares += 1
     if squares == 0:
-        raise InputError(f"noise_power: found no picture of {side} x {side} pixels or more")
+        raise InputError(f"noise_power: found no image of {side} x {side} pixels or more")
     total *= pixel_mm**2 / (squares * side**2)
     near = np.r_[1 : ROWS_BESIDE_AXIS + 1, side - ROWS_BESIDE_AXIS : side]
     along: NDArray[np.float64] = 0.5 * (total[near].mean(axis=0) + total[:, near].mean(axis=1))

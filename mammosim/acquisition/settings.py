@@ -52,7 +52,7 @@ def _some_dose(value: float | None) -> float | None:
 def _voltage(value: float | None) -> float | None:
     low, high = KVP_RANGE
     if value is not None and not low <= value <= high:
-        raise ValueError(f"expected {low:g} to {high:g} kV, what the spectrum model covers")
+        raise ValueError(f"expected {low:g} to {high:g} kV, the range of the spectrum model")
     return value
 
 

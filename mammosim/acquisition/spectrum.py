@@ -155,7 +155,7 @@ def make_beam(
         layers = flat
     else:
         if kvp is None:
-            raise InputError("acquisition.kvp: left out, must be given without a spectrum file")
+            raise InputError("acquisition.kvp: missing; it must be given without a spectrum file")
         energy, fluence = tube_fluence(target, kvp)
         layers = {**flat, "Be": WINDOW_BE_MM, filter: filter_mm}
     for name, thickness_mm in layers.items():
@@ -216,6 +216,6 @@ def _voltage_of(
     if kvp is not None and highest > kvp + MOST_ABOVE_KEV:
         raise InputError(
             f"{path}: found photons of {highest:g} keV, which a tube at acquisition.kvp {kvp:g} "
-            "cannot emit; leave kvp out or give the spectrum's own"
+            "cannot emit; leave kvp out or give that of the spectrum"
         )
     return highest if kvp is None else kvp

@@ -58,7 +58,7 @@ def run(
         list[str] | None,
         typer.Option("--set", metavar="SECTION.KEY=VALUE", help="Another value for a key."),
     ] = None,
-    resume: Annotated[bool, typer.Option(help="Go on with what is in the folder.")] = False,
+    resume: Annotated[bool, typer.Option(help="Continue with what is in the folder.")] = False,
 ) -> None:
     """Make all patients of a cohort, and one table of all."""
     with exit_status():
@@ -93,7 +93,7 @@ def status(
             rest = progress.waiting
             say(
                 f"{progress.done} of {progress.patients} done, {progress.failed} failed, "
-                f"{rest} not made" + ("; --resume goes on" if rest or progress.failed else "")
+                f"{rest} not started" + ("; --resume goes on" if rest or progress.failed else "")
             )
         for index, reason in list(found.failures.items())[:MOST_REASONS]:
             say(f"patient {index}: {reason}")

@@ -34,8 +34,8 @@ def _point(located: LocatedInRun, found: Located) -> list[str]:
         lines.append(line)
     if max(found.misfit_mm) > SAME_LESION_MM:
         lines.append(
-            f"note: no point is within {SAME_LESION_MM:g} mm of both pixels; do they show the same "
-            "thing?"
+            f"note: no point is within {SAME_LESION_MM:g} mm of both pixels; do they show the "
+            f"same lesion?"
         )
     return lines
 
@@ -49,5 +49,5 @@ def _curve(curve: RayCurve, nipple_mm: NDArray[np.float64]) -> list[str]:
     return [
         *lines,
         "uncompressed breast: x anterior, y patient's left, z superior; height above the breast "
-        "support while compressed",
+        "support during compression",
     ]

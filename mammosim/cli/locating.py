@@ -27,17 +27,18 @@ class _PixelPairs(TyperCommand):
 @app.command(cls=_PixelPairs)
 def locate(
     run: Annotated[Path, typer.Argument(help="A finished run's folder.")],
-    view: Annotated[list[str], typer.Option(help="View that the next --pixel is in, as CC.")],
+    view: Annotated[list[str], typer.Option(help="View of the next --pixel, e.g. CC.")],
     pixel: Annotated[list[str], typer.Option(metavar="ROW COL", help="Where it is seen; from 0.")],
     height_mm: Annotated[
-        float | None, typer.Option(help="Height above the breast support, mm, where it is known.")
+        float | None, typer.Option(help="Height above the breast support, mm, if known.")
     ] = None,
     tube_angle: Annotated[
         list[float] | None,
-        typer.Option(help="Tube's angle of each picture, degrees: a stereotactic pair is -15, 15."),
+        typer.Option(help="Tube angle of each image, degrees; -15 and 15 for a stereotactic pair."),
     ] = None,
     step_mm: Annotated[
-        float, typer.Option(min=0.1, max=50.0, help="Of the curve that one pixel gives, mm.")
+        float,
+        typer.Option(min=0.1, max=50.0, help="Step along the curve that one pixel gives, mm."),
     ] = 5.0,
 ) -> None:
     """From one or two mammograms back to the uncompressed breast.
@@ -59,6 +60,6 @@ def _pixel(text: str) -> tuple[float, float]:
         row, column = (float(word) for word in text.split())
     except ValueError:
         raise InputError(
-            f"--pixel: found '{text}', expected row and column, as 812.5 340"
+            f"--pixel: found '{text}', expected row and column, e.g. 812.5 340"
         ) from None
     return row, column

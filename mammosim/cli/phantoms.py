@@ -18,14 +18,14 @@ Labels = Annotated[
 ]
 Axes = Annotated[
     str | None,
-    typer.Option(help="Towards what the file's axes run, as ALS (key phantom.axes)."),
+    typer.Option(help="Directions of the file's axes, e.g. ALS (key phantom.axes)."),
 ]
 VoxelMm = Annotated[
     str | None,
-    typer.Option(help="Voxel size, mm: one number, or three as 0.2,0.2,0.5 (phantom.voxel_mm)."),
+    typer.Option(help="Voxel size, mm: one number, or three, e.g. 0.2,0.2,0.5 (phantom.voxel_mm)."),
 ]
 Reduce = Annotated[
-    int, typer.Option(help="Of every n voxels along each axis keep one (phantom.reduce).")
+    int, typer.Option(help="Keep one of every n voxels along each axis (phantom.reduce).")
 ]
 
 
@@ -54,7 +54,9 @@ def _sizes(text: str | None) -> list[float] | float | None:
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 3):
-        raise InputError(f"--voxel-mm: found '{text}', expected one number or three, as 0.2,0.2,1")
+        raise InputError(
+            f"--voxel-mm: found '{text}', expected one number or three, e.g. 0.2,0.2,1"
+        )
     return numbers[0] if len(numbers) == 1 else numbers
 
 
@@ -62,7 +64,8 @@ def _sizes(text: str | None) -> list[float] | float | None:
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="What `info` reads.")],
     target: Annotated[
-        Path, typer.Argument(metavar="OUT", help="Its ending says the format, as .nrrd or .mhd.")
+        Path,
+        typer.Argument(metavar="OUT", help="Its extension sets the format, e.g. .nrrd or .mhd."),
     ],
     labels: Labels = None,
     axes: Axes = None,

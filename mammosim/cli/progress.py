@@ -25,7 +25,7 @@ SECONDS_A_LINE = 30.0
 SECONDS_AN_EVENT = 0.1
 """Between two rows of a solver's history that are reported to another program."""
 
-COMPILING = "compiling, once on a machine, a minute in all"
+COMPILING = "compiling, once per machine, about a minute"
 """45 s for the example on two cores, 25 to 30 s of it where the first view is compressed."""
 
 
@@ -141,13 +141,13 @@ def row_text(row: Any, seconds: float) -> str:
         left = row["sweeps_left"] * seconds / row["sweep"]
         end = f", about {left / 60:.1f} min left" if isfinite(left) else ""
         return (
-            f"sweep {row['sweep']}{end}, mean move {means} voxel, volume "
+            f"sweep {row['sweep']}{end}, mean displacement {means} voxel, volume "
             f"{-row['volume_change_percent']:+.1f} %, {row['inverted_cells']} cells inverted"
         )
     if "element_mm" in row.dtype.names:
         return (
-            f"{row['element_mm']:g} mm elements, gap {row['gap_mm']:.1f} mm: out of balance "
-            f"{row['out_of_balance']:.1e}, {row['force_n']:.1f} N, smallest J "
+            f"{row['element_mm']:g} mm elements, gap {row['gap_mm']:.1f} mm: residual force "
+            f"{row['out_of_balance']:.1e}, {row['force_n']:.1f} N, minimum J "
             f"{row['smallest_j']:.2f}"
         )
     return (

@@ -99,17 +99,18 @@ def run(
     ] = None,
     resume: Annotated[
         bool,
-        typer.Option(help="Go on with what is there; do nothing if the same run is finished."),
+        typer.Option(help="Continue with what is there; do nothing if the same run is finished."),
     ] = False,
     overwrite: Annotated[
-        bool, typer.Option(help="Replace what is in the folder; stages that still hold are kept.")
+        bool,
+        typer.Option(help="Replace what is in the folder; stages that are still valid are kept."),
     ] = False,
     reuse: Annotated[
         list[Path] | None,
-        typer.Option(metavar="RUN", help="Folder of another run, to take stages from that fit."),
+        typer.Option(metavar="RUN", help="Folder of another run whose matching stages are reused."),
     ] = None,
     verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="Show the solver's numbers while it works.")
+        bool, typer.Option("--verbose", "-v", help="Show the solver's progress.")
     ] = False,
     events: Annotated[
         bool, typer.Option("--events", hidden=True, help="Progress as JSON, one line per event.")
@@ -134,7 +135,7 @@ def run(
         check_output(folder, resume, overwrite)
         settings = load_config(config, change or ())
         if resume and is_finished(folder, settings):  # also where nothing can be written
-            say(f"{folder}: this run is finished already")
+            say(f"{folder}: this run is already finished")
             return
         plan = make_plan(settings)
         check_memory_limit(plan)
@@ -226,8 +227,8 @@ def _cohort_plan(config: Path, changes: Sequence[str]) -> tuple[list[str], tuple
     time = f"{plan.hours:.0f} hours" if plan.hours > 3 else f"{60 * plan.hours:.0f} minutes"
     lines = [
         *plan.lines,
-        f"about {plan.memory_gb:.1f} GB of memory a worker and {time} for all; "
-        f"workers here: {plan.workers.count}, threads of each: {plan.workers.threads}",
+        f"about {plan.memory_gb:.1f} GB of memory per worker and {time} in total; workers on this "
+        f"machine: {plan.workers.count}, threads per worker: {plan.workers.threads}",
     ]
     return lines, plan.warnings
 
@@ -235,9 +236,7 @@ def _cohort_plan(config: Path, changes: Sequence[str]) -> tuple[list[str], tuple
 @app.command()
 def serve(
     port: Annotated[int, typer.Option(min=1024, max=65535, help="Port of the page.")] = 8765,
-    runs: Annotated[Path, typer.Option(help="Folder of runs, earlier and new ones.")] = Path(
-        "runs"
-    ),
+    runs: Annotated[Path, typer.Option(help="Folder of earlier and new runs.")] = Path("runs"),
 ) -> None:
     """Open a local page to set up, watch and look at runs (needs mammosim[serve])."""
     with exit_status(), _examples() as folder:

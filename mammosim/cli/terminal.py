@@ -176,7 +176,7 @@ def check_output(path: Path, resume: bool, overwrite: bool) -> None:
         If the folder is not empty, or is no folder.
     """
     if path.exists() and not path.is_dir():
-        raise InputError(f"{path}: is not a folder, cannot be a run's output")
+        raise InputError(f"{path}: is not a folder, so it cannot be a run's output")
     if path.is_dir() and any(path.iterdir()) and not (resume or overwrite):
         raise InputError(
             f"{path}: exists and is not empty; give --resume, --overwrite, or another --output"

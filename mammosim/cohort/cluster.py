@@ -82,8 +82,8 @@ def share_machine(
     room_gb = min(memory_gb or float("inf"), free / 1e9 if free is not None else float("inf"))
     if patient_gb > room_gb:
         raise InputError(
-            f"a patient takes about {patient_gb:.2g} GB of memory, but {room_gb:.2g} GB are to be "
-            "had: take larger voxels or pixels, a coarser lattice, or another machine"
+            f"a patient takes about {patient_gb:.2g} GB of memory, but {room_gb:.2g} GB are "
+            f"available: use larger voxels or pixels, a coarser lattice, or another machine"
         )
     fit = int(room_gb // patient_gb) if room_gb < float("inf") else CPU_COUNT
     count = max(1, min(wanted or CPU_COUNT, fit, patients))
@@ -151,7 +151,7 @@ def wait_for_worker(client: Client) -> None:
         except (OSError, TimeoutError):
             pass  # its state tells at the next turn
         time.sleep(WORKER_POLL_S)
-    raise Interrupted("the scheduler does not answer any more, and never had a worker", None)
+    raise Interrupted("the scheduler no longer answers, and never had a worker", None)
 
 
 def shares(client: Client) -> tuple[int, float]:
@@ -169,7 +169,7 @@ def shares(client: Client) -> tuple[int, float]:
         workers = client.scheduler_info(n_workers=-1)["workers"]
         found = client.run(_processors, on_error="ignore")
     except OSError as error:
-        raise Interrupted(f"the scheduler does not answer any more ({error})", None) from None
+        raise Interrupted(f"the scheduler no longer answers ({error})", None) from None
     bound = {(workers[name]["host"], name): found[name] for name in found if name in workers}
     sharing = Counter((host, which) for (host, _), (_, which) in bound.items())
     threads = [count // sharing[host, which] for (host, _), (count, which) in bound.items()]

@@ -35,8 +35,8 @@ def check_exports(config: RunConfig, dataset: DatasetSettings | None, where: str
         raise InputError(f"{where}: export.tiff: found false, but cohort.dataset needs its masks")
     if dataset.pictures == "presentation" and not config.export.dicom:
         raise InputError(
-            f"{where}: export.dicom: found false, but cohort.dataset takes its pictures from it; "
-            "or take cohort.dataset.pictures: processing"
+            f"{where}: export.dicom: found false, but cohort.dataset takes its images from it; or "
+            f"use cohort.dataset.pictures: processing"
         )
 
 

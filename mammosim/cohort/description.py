@@ -136,7 +136,7 @@ def load_cohort(path: str | os.PathLike[str], changes: Sequence[str] = ()) -> Co
     settings = to_settings(CohortSettings, section, where, ("cohort",))
     seed = values.pop("seed", 1)
     if type(seed) is not int or seed < 0:
-        raise InputError(f"{where}: seed: found {seed!r:.60}, expected a whole number from 0")
+        raise InputError(f"{where}: seed: found {seed!r:.60}, expected a whole number of 0 or more")
     laws = find_distributions(values, where)
     rows = _patients_file(settings, folder, laws, where)
     return Cohort(title, where, folder, values, settings, seed, laws, rows)
@@ -167,7 +167,7 @@ def _patients_file(
     if settings.patients_file is None:
         if columns:
             raise InputError(
-                f"{where}: {at}: takes column '{column}', but cohort.patients_file is not given"
+                f"{where}: {at}: uses column '{column}', but cohort.patients_file is not given"
                 for at, column in columns.items()
             )
         return []
@@ -201,14 +201,14 @@ def _csv_rows(path: Path) -> tuple[list[str], list[dict[str, str]]]:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     header = [name.strip() for name in lines[0]] if lines else []
     if not header or len(set(header)) < len(header):
-        raise InputError(f"{path}: expected a header, each column's name once; found {header}")
+        raise InputError(f"{path}: expected a header with unique column names; found {header}")
     for number, line in enumerate(lines[1:], start=2):
         if len(line) != len(header):
             raise InputError(
                 f"{path}, line {number}: found {len(line)} cells, expected {len(header)}"
             )
     if len(lines) - 1 > MOST_PATIENTS:
-        raise InputError(f"{path}: found more than {MOST_PATIENTS} lines, a line a patient")
+        raise InputError(f"{path}: found more than {MOST_PATIENTS} lines, one per patient")
     return header, [dict(zip(header, line, strict=True)) for line in lines[1:]]
 
 

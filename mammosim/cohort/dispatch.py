@@ -229,7 +229,7 @@ class _Work:
             if self._begun[index] < self._cohort.settings.attempts:
                 self._again.append(index)
                 return None
-            error = RuntimeError("its worker died each time, as of too little memory")
+            error = RuntimeError("its worker died each time, possibly for lack of memory")
         failed = Outcome(index, str(error) or type(error).__name__, type(error).__name__)
         note_failure(patient_folder(self._folder, index), failed)
         return failed
@@ -237,7 +237,7 @@ class _Work:
     def _check_scheduler(self) -> None:
         if self._client.status == "closed":
             raise Interrupted(
-                f"the scheduler does not answer any more; {self.progress.done} of "
+                f"the scheduler no longer answers; {self.progress.done} of "
                 f"{self.progress.patients} patients are done; it can be resumed", self.progress
             )  # fmt: skip
 

@@ -81,5 +81,5 @@ def _lines(cohort: Cohort, plans: list[Plan]) -> tuple[str, ...]:
     if cohort.distributions:
         lines.append("drawn: " + ", ".join(dotted(path) for path in cohort.distributions))
     if cohort.patients > len(plans):
-        lines.append(f"the first {len(plans)} patients were looked at")
+        lines.append(f"the first {len(plans)} patients were checked")
     return (*lines, *(f"patient 0: {line}" for line in plans[0].lines))

@@ -28,7 +28,7 @@ class SplitSettings(Settings):
     def _whole(self) -> Self:
         total = self.train + self.validation + self.test
         if abs(total - 1.0) > 1e-9:
-            raise ValueError(f"train, validation and test are {total:g} together, expected 1")
+            raise ValueError(f"train, validation and test add up to {total:g}, expected 1")
         return self
 
 

@@ -42,8 +42,9 @@ def note_start(folder: Path, start: str, most: int) -> None:
     count: int = before["count"] if same else 0
     if count >= most:
         raise InputError(
-            f"begun {count} times without finishing another stage: its worker ended each time, as "
-            "at a wall time or a lifetime shorter than the stage, or of too little memory"
+            f"started {count} times without finishing another stage: its worker ended each time, "
+            f"possibly because a wall time or lifetime is shorter than the stage, or for lack of "
+            f"memory"
         )
     write_json(folder / STARTS, {"start": start, "stages": stages, "count": count + 1})
 

@@ -58,7 +58,7 @@ def cohort_status(folder: Path) -> CohortStatus:
         If it is none.
     """
     if not (folder / RECORD).is_file():
-        raise InputError(f"{folder}: no cohort's folder, {RECORD} is missing")
+        raise InputError(f"{folder}: not the folder of a cohort, {RECORD} is missing")
     patients = load_cohort(folder / RECORD).patients
     active = is_being_written(folder)
     done, failures, warnings = 0, {}, {}

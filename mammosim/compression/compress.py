@@ -101,6 +101,6 @@ def view_of_compressed(breast: BreastPhantom, view: View) -> View:
     if held_for not in (None, view.name):
         raise InputError(
             f"{view.folder}: {breast.source or 'the phantom'} was compressed for {held_for} "
-            f"(phantom.compressed_for), so that no other view of it can be taken; found {view.name}"
+            f"(phantom.compressed_for), so no other view of it can be made; found {view.name}"
         )
     return replace(view, in_compression_frame=True)

@@ -132,7 +132,7 @@ def reach_force(
         gap = tried.plates.thickness_mm
         if gap <= SMALLEST_GAP * height_mm:
             raise InputError(
-                f"compression.force_n: found {wanted_n:g} N, but this breast bears at most "
+                f"compression.force_n: found {wanted_n:g} N, but this breast supports at most "
                 f"{tried.forces.paddle_n:.3g} N, at a thickness of {gap:.1f} mm; must be smaller"
             )
         wide, force_wide = gap, balance.common_n(tried.forces)

@@ -158,7 +158,7 @@ def compress_hyperelastic(
 
     _, reached = settled(plates, settings, top - bottom, balance, equilibrium, at_rest)
     if tilt is not None and reached.at_stop:
-        stop = f"{view.folder}: the paddle tilts as far as its stop at {tilt.max_deg:g} degrees"
+        stop = f"{view.folder}: the paddle reaches its stop at {tilt.max_deg:g} degrees"
         notes = (*notes, stop)
     return _result(breast, view, stages, reached.plates, reached.state, notes)
 
@@ -281,8 +281,8 @@ def skin_of(breast: BreastPhantom, settings: CompressionSettings) -> SkinSheet |
         return sheet
     if settings.skin is not None:
         raise InputError(
-            f"compression.skin: found for {breast.source}, which has no voxels of skin; leave it "
-            "out"
+            f"compression.skin: found for {breast.source}, which has no skin voxels; remove this "
+            f"key"
         )
     return None
 
@@ -350,7 +350,7 @@ def _where_it_stopped(compressed: CompressedBreast, settings: CompressionSetting
     measures = compressed.measures
     return (
         f"hyperelastic stopped at an estimated error of {measures['error_mm']:.3g} mm "
-        f"(allowed {settings.tolerance_mm:g}), smallest J {measures['smallest_j']:.3g}, "
+        f"(allowed {settings.tolerance_mm:g}), minimum J {measures['smallest_j']:.3g}, "
         f"after {compressed.history.size} steps; "
         + (compressed.notes[-1] if compressed.notes else "")
     )

@@ -125,7 +125,8 @@ def build_lattice(
         )
     apart = int(np.count_nonzero(tissue) - np.count_nonzero(held))
     notes = (
-        f"{view.folder}: {apart} lattice nodes are not tied to the chest wall and were left out",
+        f"{view.folder}: {apart} lattice nodes are not connected to the chest wall and were "
+        f"omitted",
     )
     modulus[~held] = 0.0
     return Lattice(frame, modulus, held & (muscle >= 0.5), notes if apart else ())

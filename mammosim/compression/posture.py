@@ -31,7 +31,7 @@ FAR_MM = 1e5
 
 EXPERIMENTAL = (
     "the posture is experimental: the phantom's shape is taken as free of weight, and with the "
-    "moduli used for compression a breast moves less than women's breasts from prone to supine"
+    "moduli used for compression the breast moves less from prone to supine than in women"
 )
 """What a user must know about every such result."""
 

@@ -327,7 +327,7 @@ class CompressionSettings(Settings):
     def _one_way_to_say_how_far(self) -> Self:
         heights = (self.support_z_mm is not None, self.paddle_z_mm is not None)
         if heights[0] != heights[1]:
-            raise ValueError("support_z_mm and paddle_z_mm are given together or not at all")
+            raise ValueError("support_z_mm and paddle_z_mm must be given together or not at all")
         ways = [self.thickness_mm is not None, self.force_n is not None, all(heights)]
         ways.append(self.plates_voxel is not None)
         if sum(ways) > 1:
@@ -357,5 +357,5 @@ class CompressionSettings(Settings):
                 if key in foreign and getattr(self, key) != usual[key].default
             ]
             if given:
-                raise ValueError(f"{', '.join(given)}: only the model {name} knows that")
+                raise ValueError(f"{', '.join(given)}: valid for the model {name} only")
         return self

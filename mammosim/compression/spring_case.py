@@ -56,7 +56,8 @@ class SpringCase:
         """The spring problem in lattice units."""
         if plates.paddle != "straight":
             raise InputError(
-                f"the model springs knows straight plates only, found the paddle {plates.paddle}; "
+                f"the model springs supports straight plates only, found the paddle "
+                f"{plates.paddle}; "
                 "use the model hyperelastic"
             )
         frame = self.lattice.frame

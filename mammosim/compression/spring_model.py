@@ -43,8 +43,8 @@ SECONDS_PER_NODE = {"multigrid": 6e-6, "relaxation": 2e-3}
 """Of one compression on two cores (measured with benchmarks/pipeline.py)."""
 
 STIFFENS_TOO_MUCH = (
-    "compression.spring_law: exponential, with the thesis' constants, gives forces that no breast "
-    "bears at an ordinary thickness: use linear, or model: hyperelastic"
+    "compression.spring_law: exponential, with the thesis' constants, gives unrealistically high "
+    "forces at an ordinary thickness: use linear, or model: hyperelastic"
 )
 
 BALANCE_NODES = 20_000

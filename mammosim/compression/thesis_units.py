@@ -41,8 +41,8 @@ def in_millimetres(
         return settings
     if view.name != "CC":
         raise InputError(
-            f"compression.plates_voxel: found for the view {view.name}, but the thesis' units know "
-            "CC only; give thickness_mm or heights in mm there"
+            f"compression.plates_voxel: found for the view {view.name}, but the thesis' units "
+            f"apply to CC only; give thickness_mm or heights in mm for it"
         )
     low, high = bounds_mm(breast, view)
     voxel_x, _, voxel_z = breast.voxel_mm

@@ -68,13 +68,13 @@ def held_before(breast: BreastPhantom, view: View, compresses: bool) -> tuple[st
         return ()
     if held.view is None and held.paddle_z_mm is not None:
         notes.append(
-            f"{view.folder}: the phantom holds plates, but phantom.compressed_for was left out: "
-            f"they were taken for those of {view.name}"
+            f"{view.folder}: the phantom contains plates, but phantom.compressed_for is not "
+            f"given: they were assumed to be those of {view.name}"
         )
     if compresses:
         notes.append(
-            f"{view.folder}: the phantom was compressed before and is compressed again; "
-            "compression.model: none leaves it as it is"
+            f"{view.folder}: the phantom is already compressed and was compressed again; "
+            f"compression.model: none leaves it as it is"
         )
     return tuple(notes)
 
@@ -89,7 +89,8 @@ def refuse_moving(settings: CompressionSettings) -> None:
     """
     if settings.force_n is not None or settings.thickness_mm is not None:
         raise InputError(
-            "compression.model: 'none' moves nothing, so thickness_mm and force_n must be left out"
+            "compression.model: 'none' does not compress, so thickness_mm and force_n must not be "
+            "given"
         )
 
 

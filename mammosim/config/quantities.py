@@ -31,7 +31,7 @@ def _visible(name: str) -> str:
             f"holds the control character U+{ord(odd[0]):04X}, expected text that can be printed"
         )
     if not name.strip():
-        raise ValueError("expected a name, not blanks alone")
+        raise ValueError("expected a name, not only blanks")
     return name
 
 

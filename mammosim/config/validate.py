@@ -97,7 +97,7 @@ def _sentence(kind: type[Settings], item: Any, where: str, prefix: tuple[str, ..
         hint = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(sorted(known))}"
         return f"{where}: {path}: unknown key; {hint}"
     if item["type"] == "missing":
-        return f"{where}: {path}: missing, must be given"
+        return f"{where}: {path}: missing; it must be given"
     if item["type"] == "too_short":
         least = item["ctx"]["min_length"]
         return f"{where}: {path}: found {_shown(item['input'])}, expected at least {least} of them"

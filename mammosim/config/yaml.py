@@ -125,7 +125,7 @@ class _BoundedParser(Parser):
                 self._held[anchor] = self._values - before
         elif isinstance(event, DocumentStartEvent) and event.version == (1, 1):
             # Its numbers to the base 60 take minutes where they are long.
-            raise _refused("YAML 1.1, expected 1.2; leave out the line %YAML", event)
+            raise _refused("YAML 1.1, expected 1.2; remove the line %YAML", event)
         return event
 
     def _count(self, number: int, event: Any) -> None:
@@ -176,7 +176,9 @@ def _checked(value: Any, where: str, max_values: int) -> Any:
         if not _has_plain_keys(item):
             raise InputError(f"{where}: not plain YAML (a key is a list, a mapping or a date)")
         if not _is_text(item):
-            raise InputError(f"{where}: found {item!a:.60}, which is no text: half of a character")
+            raise InputError(
+                f"{where}: found {item!a:.60}, which is not valid text: half of a character"
+            )
         if isinstance(item, int) and item.bit_length() > MAX_BITS:
             raise InputError(
                 f"{where}: found a whole number of {item.bit_length()} bits, expected at most "

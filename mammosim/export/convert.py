@@ -95,7 +95,7 @@ def convert_volume(
         notes = (
             *notes,
             f"{LABELS_FILE} beside {source.name} (side, view, plates, lesions) was not converted: "
-            "say these by laterality, phantom.compressed_for and phantom.labels",
+            f"set laterality, phantom.compressed_for and phantom.labels",
         )
     return Conversion(frame, counts, volume.orientation, notes)
 

@@ -77,8 +77,8 @@ def load_path_lengths(path: str | PathLike[str]) -> PathLengths:
             missing = [name for name in _ARRAYS if name not in archive]
             if missing:
                 raise InputError(
-                    f"{path}: found no array {', '.join(missing)}; expected an archive that "
-                    "export.path_lengths wrote"
+                    f"{path}: found no array {', '.join(missing)}; expected an archive written by "
+                    f"export.path_lengths"
                 )
             found = {name: archive[name] for name in _ARRAYS}
     except (OSError, ValueError, zipfile.BadZipFile) as error:

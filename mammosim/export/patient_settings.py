@@ -15,7 +15,7 @@ MAX_AGE_YEARS = 130
 
 def _one_value(text: str) -> str:
     if "\\" in text:
-        raise ValueError("holds a backslash, which parts values in DICOM")
+        raise ValueError("contains a backslash, which separates values in DICOM")
     return text
 
 

@@ -96,7 +96,7 @@ def projections_dataset(
             "PhotometricInterpretation": "MONOCHROME1" if raw else "MONOCHROME2",
             "PresentationLUTShape": "INVERSE" if raw else "IDENTITY",
             "ExposureControlMode": "AUTOMATIC" if middle.automatic_exposure else "MANUAL",
-            "ExposureControlModeDescription": "As of a mammogram, split over all projections",
+            "ExposureControlModeDescription": "As for a mammogram, split over all projections",
             "PaddleDescription": "Simulated flat paddle",
             "OrganDose": f"{series.dose_mgy / 100.0:.6g}",  # dGy
             "EntranceDoseInmGy": f"{series.air_kerma_mgy:.6g}",

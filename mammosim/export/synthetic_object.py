@@ -25,7 +25,7 @@ SYNTHETIC = "synthetic_2d"
 """Name of its files, without their endings."""
 
 COMMENT = (
-    "Simulated image. Synthetic 2-D picture computed by mammosim from its own slices; not a "
+    "Simulated image. Synthetic 2D mammogram computed by mammosim from its own slices; not a "
     "radiograph, and not a manufacturer's method."
 )
 

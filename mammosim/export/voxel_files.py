@@ -45,7 +45,7 @@ def _write_tiff(values: NDArray[np.integer[Any]], frame: VoxelFrame, path: Path)
     if values.dtype not in (np.uint8, np.uint16) or values.nbytes >= MOST_TIFF_BYTES:
         raise InputError(
             f"{path}: a TIFF holds labels from 0 to 65535 in less than {MOST_TIFF_BYTES / 1e9:.1f} "
-            f"GB, found {values.dtype} in {values.nbytes / 1e9:.1f} GB; take .nrrd"
+            f"GB, found {values.dtype} in {values.nbytes / 1e9:.1f} GB; use .nrrd"
         )
     width, height, depth = (float(step) for step in frame.spacing_mm)
     zero = -frame.origin_mm / frame.spacing_mm  # ImageJ keeps the index of the point 0

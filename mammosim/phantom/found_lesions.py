@@ -107,7 +107,7 @@ def number_lesions(
     if len(found) > len(free):
         raise InputError(
             f"{where}: holds {len(found)} separate lesions, at most {len(free)} can be "
-            "told apart; merge or remove small ones (phantom.lesions_from_labels)"
+            f"distinguished; merge or remove small ones (phantom.lesions_from_labels)"
         )
     lesions, number = [], dict.fromkeys(kinds.values(), 0)
     for (kind, voxels), label in zip(found, free, strict=False):

@@ -142,9 +142,8 @@ def merge_note(
     total = sum(len(voxels) for voxels in pieces) * float(np.prod(spacing_mm))
     masses = "one lesion" if len(groups) == 1 else f"{len(groups)} lesions"
     return (
-        f"{len(pieces)} pieces of mass were taken for {masses} (the largest piece has "
-        f"{largest:.1f} of {total:.1f} mm3); phantom.lesions_from_labels says how near and how "
-        "small"
+        f"{len(pieces)} pieces of mass were merged into {masses} (the largest piece has "
+        f"{largest:.1f} of {total:.1f} mm3); see phantom.lesions_from_labels"
     )
 
 

@@ -80,7 +80,7 @@ def insert_lesions(
     problems += shape_problems
     if len(lesions) > len(free):
         problems.append(
-            f"phantom.lesions: found {len(lesions)}, at most {len(free)} can be told apart"
+            f"phantom.lesions: found {len(lesions)}, at most {len(free)} can be distinguished"
         )
     if problems:
         raise InputError(problems)
@@ -223,7 +223,7 @@ def _outside(
     room = np.minimum(low, np.array(breast.labels.shape) * breast.voxel_mm - low).min()
     if (window[inside] == 0).any() or room < 0.5 * entry.size_mm:
         return [
-            f"{start} reaches out of the breast with its {entry.size_mm:g} mm; move it inwards or "
+            f"{start} extends beyond the breast with its {entry.size_mm:g} mm; move it inwards or "
             f"make it smaller; {box_text(breast)}"
         ]
     return []

@@ -106,7 +106,7 @@ def check_memory(opened: VoxelFile, step: int) -> None:
         size = " x ".join(f"{fits * step_mm:g}" for step_mm in opened.voxel_mm)
         advice = f"reduce it: phantom.reduce: {fits} gives voxels of {size} mm"
     else:
-        advice = "convert it to .mhd, which is read layer by layer, where more memory is at hand"
+        advice = "convert it to .mhd, which is read layer by layer, where more memory is available"
     raise InputError(
         f"{opened.path}: {opened.count / 1e6:.4g} million voxels take {needed / 1e9:.3g} GB to "
         f"read, {available / 1e9:.3g} GB are available; {advice}"

@@ -65,8 +65,8 @@ def without_open_end(breast: BreastPhantom) -> BreastPhantom:
     if end is None:
         return breast
     problems = [
-        f"{kind} '{thing.name}' at {np.round(thing.position_mm, 1).tolist()} mm lies in the way to "
-        "the axilla, which only oblique views hold; move it or leave the other views out"
+        f"{kind} '{thing.name}' at {np.round(thing.position_mm, 1).tolist()} mm lies towards the "
+        f"axilla, which only oblique views show; move it or remove the other views"
         for kind, things in (("lesion", breast.lesions), ("landmark", breast.landmarks))
         for thing in things
         if float(end.held_depth_at(thing.position_mm[None])[0]) < end.skin_mm

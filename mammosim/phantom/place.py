@@ -99,9 +99,9 @@ def draw_place(
     choices = _in_preferred(centres, apart, coarse[tuple(index.T)], arises_in)
     if len(choices) == 0:
         raise InputError(
-            f"lesion '{name}': no place has room for its {2 * radius_mm:.1f} mm; the roomiest "
-            f"holds {2 * float(room.max()):.1f} mm before other lesions; give a smaller "
-            "diameter_mm or a position_mm"
+            f"lesion '{name}': no place has room for its {2 * radius_mm:.1f} mm; without "
+            f"other lesions the largest free space is {2 * float(room.max()):.1f} mm; give a "
+            "smaller diameter_mm or a position_mm"
         )
     chosen: NDArray[np.float64] = choices[rng.integers(len(choices))]
     return chosen

@@ -115,16 +115,16 @@ def read_phantom(
     if bodies.second_share > SECOND_BREAST_SHARE:
         notes.append(
             f"two bodies of tissue lie apart, one with {100.0 * bodies.second_share:.0f} % of the "
-            "other's volume, as of both breasts in one file; expected one breast: give each a file "
-            "of its own, as phantom.file: {L: left.mhd, R: right.mhd}"
+            "other's volume, possibly both breasts in one file; expected one breast: give each "
+            "its own file, as phantom.file: {L: left.mhd, R: right.mhd}"
         )
     elif bodies.specks:
         notes.append(
-            f"{bodies.specks} specks ({bodies.speck_voxels} voxels) lie apart from the main body; "
-            "they were kept"
+            f"{bodies.specks} specks ({bodies.speck_voxels} voxels) are separate from the main "
+            f"body; they were kept"
         )
     if not labelled:
-        notes.append("no nipple is labelled: the most anterior tissue was taken for it")
+        notes.append("no nipple is labelled: the most anterior tissue was used")
     tissue_of_label = {tissue.label: tissue.name for tissue in TISSUES.values()}
     tissue_of_label.update({lesion.label: lesion.tissue for lesion in lesions})
     return BreastPhantom(
@@ -167,19 +167,19 @@ def _side(
     side = given or said or wedge
     if side is None:
         why = "a compressed breast does not show" if compressed else "no muscle wedge tells"
-        return "L", [f"{why} which breast it is: left was taken; say it with laterality"]
+        return "L", [f"{why} which breast it is: left was assumed; set laterality"]
     if given is None and said is None:
         name = {"L": "left", "R": "right"}[side]
         return side, [
-            f"which breast it is was guessed from the muscle wedge: {name} was taken; say it with "
-            "laterality"
+            f"which breast it is was guessed from the muscle wedge: {name} was assumed; set "
+            f"laterality"
         ]
     if said is not None and said != side:
-        return side, [f"laterality {side} was given, but the file says {said}: taken as given"]
+        return side, [f"laterality {side} was given, but the file says {said}: used as given"]
     if wedge is not None and wedge != side:
         who = "was given" if given else "says the file"
         return side, [
-            f"laterality {side} {who}, but the muscle wedge looks like {wedge}: taken as given"
+            f"laterality {side} {who}, but the muscle wedge looks like {wedge}: used as given"
         ]
     return side, []
 

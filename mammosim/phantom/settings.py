@@ -14,7 +14,7 @@ from mammosim.phantom.memory import MOST_REDUCED
 from mammosim.phantom.readers.axes import AXES_EXPECTED, are_axes
 from mammosim.tissues import LESION_LABELS
 
-FILE_EXPECTED = "one file, or a file for each side, as {L: left.mhd, R: right.mhd}"
+FILE_EXPECTED = "one file, or one file per side, as {L: left.mhd, R: right.mhd}"
 
 VOXEL_RANGE_MM = (1e-3, 10.0)
 """Voxel sizes of files, mm: micro-CT has 1e-3."""

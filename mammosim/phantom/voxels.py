@@ -87,8 +87,8 @@ def read_volume(
         spacing = checked_spacing(np.full(3, given) if given.ndim == 0 else given, opened.path)
     elif not opened.says_voxel:
         notes.append(
-            f"{opened.path.name} does not say its voxel size: 1 mm was taken where it is missing; "
-            "say it with phantom.voxel_mm"
+            f"{opened.path.name} does not give its voxel size: 1 mm was assumed where it is "
+            f"missing; set phantom.voxel_mm"
         )
     if reduce > 1:
         notes.append(
@@ -121,8 +121,8 @@ def _size_remarks(opened: VoxelFile, spacing_mm: NDArray[np.float64]) -> list[st
     if LEAST_LENGTH_MM <= longest <= MOST_LENGTH_MM:
         return []
     return [
-        f"{opened.path.name} is {longest:.3g} mm long: if its voxel size is in another unit, say "
-        "it in mm with phantom.voxel_mm"
+        f"{opened.path.name} is {longest:.3g} mm long: if its voxel size is in another unit, set "
+        f"phantom.voxel_mm in mm"
     ]
 
 
@@ -151,15 +151,15 @@ def _orientation(
     if opened.axes is None:
         how = "the chest wall and nipple were found" if found else "no chest wall was found"
         note = (
-            f"{opened.path.name} does not say how its axes lie: {how}, {seen} was taken (left and "
-            f"superior by their order); {other}"
+            f"{opened.path.name} does not give its axis directions: {how}, {seen} was assumed "
+            f"(left and superior by their order); {other}"
         )
         return seen, f"axes run {seen}, from the voxels; {other}", [note]
     says = f"axes run {opened.axes} {opened.said_by}; {other}"
     if found is not None and opened.axes[found[0]] != ("A" if found[1] > 0 else "P"):
         note = (
-            f"{opened.path.name}: its axes run {opened.axes} {opened.said_by}, but its chest wall "
-            f"looks as if they ran {seen}: taken as said; {other}"
+            f"{opened.path.name}: its axes are {opened.axes} {opened.said_by}, but its chest wall "
+            f"suggests {seen}: used as given; {other}"
         )
         return opened.axes, says, [note]
     return opened.axes, says, []

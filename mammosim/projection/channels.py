@@ -64,7 +64,7 @@ def channels_of(phantom: BreastPhantom) -> Channels:
     present = np.flatnonzero(planes_with_labels(phantom.labels).any(axis=0))
     unknown = [int(label) for label in present if int(label) not in phantom.tissue_of_label]
     if unknown:
-        raise InputError(f"phantom: found voxels with label {unknown}, which no tissue has")
+        raise InputError(f"phantom: found voxels with label {unknown}, which belongs to no tissue")
     of_lesion = {lesion.label: lesion for lesion in phantom.lesions}
     tissue_of = {
         int(label): TISSUES[phantom.tissue_of_label[int(label)]]

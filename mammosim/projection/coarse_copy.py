@@ -166,7 +166,7 @@ def _counts(
     if np.prod(counts) > MAX_VOXELS:
         raise InputError(
             f"acquisition.scatter: the compressed breast needs {np.prod(counts):.3g} voxels of "
-            f"{voxel_mm:g} mm, at most {MAX_VOXELS:.3g} are allowed; choose model: kernels"
+            f"{voxel_mm:g} mm, at most {MAX_VOXELS:.3g} are allowed; use model: kernels"
         )
     nx, ny, nz = (int(count) for count in counts)
     return nx, ny, nz

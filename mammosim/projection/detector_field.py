@@ -111,7 +111,7 @@ def _cut_off_note(squeezed: CompressedBreast, shadow: Shadow, height: float, wid
         f"{shadow.height_mm:.1f} x {shadow.width_mm:.1f} mm (along the chest wall x from it), "
         f"projection.detector_mm is {height:g} x {width:g}; "
         f"{max(shadow.height_mm - height, 0.0):.1f} mm of its height and "
-        f"{max(shadow.width_mm - width, 0.0):.1f} mm of its width are not in the picture"
+        f"{max(shadow.width_mm - width, 0.0):.1f} mm of its width are not in the image"
     )
 
 
@@ -160,7 +160,7 @@ def _tissue_over(
     if not kept.any():
         raise InputError(
             f"projection.detector_edge_mm: found {edge:g}, which has no tissue in front of it; "
-            f"the compressed breast reaches to x = {x.max():.1f} mm"
+            f"the compressed breast extends to x = {x.max():.1f} mm"
         )
     spot_y = _focal_spot_y(y[kept], settings)
     gantry = Gantry(

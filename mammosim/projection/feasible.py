@@ -53,7 +53,7 @@ def check_memory(
         raise InputError(
             f"projection.pixel_mm: found {settings.pixel_mm:g}, which needs {needed / 1e9:.1f} GB "
             f"for {images} images{series} of {shape[0]} x {shape[1]} pixels; this machine has "
-            f"{installed / 1e9:.1f} GB: take larger pixels or a smaller detector"
+            f"{installed / 1e9:.1f} GB: use larger pixels or a smaller detector"
         )
 
 
@@ -83,7 +83,7 @@ def check_arc(arc: TomosynthesisSettings, settings: ProjectionSettings) -> None:
     height = arc.pivot_to_detector_mm + arm * math.cos(math.radians(end))
     if height <= settings.support_to_detector_mm:
         raise InputError(
-            f"dbt.angle_range_deg: found {arc.angle_range_deg:g}, which turns the focal spot down "
+            f"dbt.angle_range_deg: found {arc.angle_range_deg:g}, which moves the focal spot down "
             f"to {height:.0f} mm above the detector, expected an arc that stays above the breast "
             f"support at {settings.support_to_detector_mm:g} mm"
         )

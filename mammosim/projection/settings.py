@@ -137,7 +137,8 @@ class TomosynthesisSettings(Settings):
         if self.detector_angle_range_deg > self.angle_range_deg:
             raise ValueError(
                 f"detector_angle_range_deg: found {self.detector_angle_range_deg:g}, expected at "
-                f"most angle_range_deg, {self.angle_range_deg:g}: the detector turns with the tube"
+                f"most angle_range_deg, {self.angle_range_deg:g}: the detector rotates with the "
+                f"tube"
             )
         return self
 

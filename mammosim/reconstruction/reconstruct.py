@@ -154,7 +154,7 @@ def check_reconstruction(pixels: int, voxels: int, settings: ReconstructionSetti
             f"dbt.reconstruct: found slices of {settings.slice_mm:g} mm"
             + (f" with pixels of {settings.pixel_mm:g} mm" if settings.pixel_mm else "")
             + f", {voxels / 1e6:.0f} million voxels, which need {needed:.1f} GB; this machine has "
-            f"{there:.1f} GB: take larger slice_mm or pixel_mm"
+            f"{there:.1f} GB: use larger slice_mm or pixel_mm"
         )
 
 

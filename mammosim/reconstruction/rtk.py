@@ -24,7 +24,7 @@ AIR_SLICES = 1
 """Slices of air below the first and above the last: RTK's ray caster ends at the centres of the
 outermost slices, which would count by half."""
 
-INSTALL = 'pip install "mammosim[dbt]"'
+INSTALL = "pip install itk-rtk"
 """What to type where the library is missing."""
 
 

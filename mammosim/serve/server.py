@@ -40,7 +40,7 @@ def serve(
         from nicegui import app, ui
     except ImportError:
         raise InputError(
-            'serve: needs NiceGUI, which is not installed; pip install "mammosim[serve]"'
+            "serve: NiceGUI is not installed; install it with: pip install nicegui"
         ) from None
     from mammosim.serve.gate import Gate
     from mammosim.serve.page import add_page

@@ -35,7 +35,7 @@ def target_doubts(
                 "wall, or is finer than the lattice); its shift is that of the nearest nodes"
             )
         if not target.in_field:
-            notes.append(f"{what} is not in the picture; no needle can be aimed by it")
+            notes.append(f"{what} is not in the image; no needle can be aimed at it")
     return tuple(notes)
 
 

@@ -44,7 +44,7 @@ def touching_lesions(phantom: BreastPhantom) -> tuple[str, ...]:
         # Boxes that are more than a voxel apart need no search.
         if apart <= 1.0 and pair[0].count_neighbors(pair[1], 1.0, p=np.inf):
             notes.append(
-                f"lesions '{one.name}' and '{other.name}' touch: each has a row of its own, the "
-                "picture may show them as one"
+                f"lesions '{one.name}' and '{other.name}' touch: each has its own row, but the "
+                f"image may show them as one"
             )
     return tuple(notes)

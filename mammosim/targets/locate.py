@@ -225,7 +225,7 @@ def _check_on_picture(sight: Sight) -> None:
     ):
         if not -edge <= value <= count - 1 + edge:
             raise InputError(
-                f"{sight.what}: the {name} is not on the picture, which has {count}; "
+                f"{sight.what}: the {name} is not on the image, which has {count}; "
                 f"expected 0 to {count - 1}"
             )
 

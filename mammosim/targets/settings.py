@@ -34,13 +34,15 @@ class BiopsySettings(Settings):
     def _a_compression_of_its_own(self) -> Self:
         ways = [key for key in ("thickness_mm", "force_n") if getattr(self, key) is not None]
         if self.view == "none" and ways:
-            raise ValueError(f"view: none has no plates, so {' and '.join(ways)} must be left out")
+            raise ValueError(f"view: none has no plates, so {' and '.join(ways)} must not be given")
         if self.view != "none" and self.posture is not None:
             raise ValueError(
                 f"posture: {self.posture} needs view: none, since plates hold the breast"
             )
         if self.view == "same" and not ways:
-            raise ValueError("view: same needs thickness_mm or force_n, else nothing is different")
+            raise ValueError(
+                "view: same needs thickness_mm or force_n, otherwise nothing would differ"
+            )
         if len(ways) > 1:
             raise ValueError("give one of thickness_mm and force_n")
         return self

@@ -183,7 +183,7 @@ def _pack(breast: CoarseBreast, gantry: Gantry, words: NDArray[np.uint32]) -> ND
     if found < 0:
         raise InputError(
             f"acquisition.scatter: the coarse copy of the breast holds more than {MAX_MIXTURES} "
-            "different mixtures of materials; choose model: kernels"
+            "different mixtures of materials; use model: kernels"
         )
     words[:] = packed
     return keys[:found].copy()

@@ -152,7 +152,7 @@ def _energies(lowest_kev: float, highest_kev: float) -> NDArray[np.float64]:
     if lowest_kev < LOWEST_TABULATED_KEV or highest_kev > HIGHEST_TABULATED_KEV:
         raise InputError(
             f"acquisition.scatter: the spectrum has photons of {lowest_kev:g} to {highest_kev:g} "
-            f"keV, the scattering tables hold {LOWEST_TABULATED_KEV:g} to "
+            f"keV, the scattering tables cover {LOWEST_TABULATED_KEV:g} to "
             f"{HIGHEST_TABULATED_KEV:g} keV; choose model: none"
         )
     first = np.floor(max(LOWEST_SHARE * lowest_kev, LOWEST_TABULATED_KEV) / ENERGY_STEP_KEV)

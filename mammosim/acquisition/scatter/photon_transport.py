@@ -37,8 +37,8 @@ PHOTONS = 160_000
 """Photons of a view: below 2 % noise in the breast after smoothing, in about a second."""
 
 WITHOUT_BREAST = (
-    "scatter: only path lengths are known, not the compressed breast, so that model kernels is "
-    "used in place of monte-carlo"
+    "scatter: only path lengths are known, not the compressed breast; model kernels is used "
+    "instead of monte-carlo"
 )
 
 

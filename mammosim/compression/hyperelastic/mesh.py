@@ -135,7 +135,9 @@ def build_mesh(
         )
     body = replace(body, structure=_structure(breast, view, blocks, body, support))
     apart = int(np.count_nonzero(solid & ~body.active))
-    notes = (f"{view.folder}: {apart} elements are not tied to the chest wall and were left out",)
+    notes = (
+        f"{view.folder}: {apart} elements are not connected to the chest wall and were omitted",
+    )
     modulus[~body.active] = 0.0
     return Mesh(
         body,

@@ -84,7 +84,7 @@ def covered_tissue(
             places[some[[0, -1]]] for places, some in zip((x, y), ends, strict=True)
         )
         raise InputError(
-            f"{found}, beside the breast, which lies from x = {x0:.1f} to {x1:.1f} mm and from "
+            f"{found}, beside the breast, which extends from x = {x0:.1f} to {x1:.1f} mm and from "
             f"y = {y0:.1f} to {y1:.1f} mm in {view.name}"
         )
     return covered

@@ -98,7 +98,7 @@ def place_plates(
     front = lattice.front_mm
     if front <= edge_mm:
         raise InputError(
-            f"compression.plate_edge_mm: found {edge_mm:g}, but tissue reaches only to "
+            f"compression.plate_edge_mm: found {edge_mm:g}, but tissue extends only to "
             f"x = {front:g} mm; must be smaller"
         )
     panel = panel_of(settings.paddle, edge_mm)
@@ -156,8 +156,8 @@ def _check_heights(
     tissue = f"the breast lies between {low:.1f} and {high:.1f} mm in {view.name}"
     if not low < 0.5 * (support_mm + paddle_mm) < high:
         raise InputError(
-            f"{found}, but {tissue}; the middle between the plates must be within, "
-            "or they would push the whole breast out of its place"
+            f"{found}, but {tissue}; the midpoint between the plates must be within, otherwise "
+            f"they would displace the whole breast"
         )
     if support_mm <= low and paddle_mm >= high:
         raise InputError(f"{found}, but {tissue}; a plate must touch it")

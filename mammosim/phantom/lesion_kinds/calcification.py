@@ -77,7 +77,7 @@ def paint_wall(site: Site, keys: CalcificationKeys, rng: np.random.Generator) ->
         raise InputError(
             f"lesion '{site.name}': no artery within {site.radius_mm:g} mm of "
             f"{np.round(site.centre_mm, 1).tolist()} mm, expected one for morphology 'vascular'; "
-            "leave position_mm out, or give a breast with labelled arteries"
+            "remove position_mm, or use a breast with labelled arteries"
         )
     waves, phases = rng.standard_normal((6, 3)) / WALL_STRETCH_MM, rng.uniform(0.0, 2 * np.pi, 6)
     noise = np.cos(offsets[wall] @ waves.T + phases).sum(axis=-1)

@@ -31,13 +31,13 @@ def read_shape(path: str | Path, voxel_mm: float | None = None) -> LesionShape:
     ending = path.suffix.lower()
     if ending in OTHER_MESH_ENDINGS:
         raise InputError(
-            f"{path}: meshes are read as {', '.join(MESH_ENDINGS)}; convert it, as with "
-            f"`meshio convert {path.name} {path.stem}.stl` (surfaces) or in ParaView"
+            f"{path}: meshes are read as {', '.join(MESH_ENDINGS)}; convert it, e.g. with `meshio "
+            f"convert {path.name} {path.stem}.stl` (surfaces) or in ParaView"
         )
     if ending not in MESH_ENDINGS:
         return read_mask(path, voxel_mm)
     if voxel_mm is not None:
-        raise InputError(f"{path}: is a surface, to which voxel_mm does not belong")
+        raise InputError(f"{path}: is a surface; voxel_mm does not apply to it")
     return read_mesh(path)
 
 

@@ -72,7 +72,7 @@ def _read(path: Path, voxel_mm: float | None) -> tuple[NDArray[np.generic], NDAr
     if voxel_mm is not None:
         spacing = np.full(3, voxel_mm)
     if spacing is None:
-        raise InputError(f"{path}: does not say its voxel size; give the lesion's voxel_mm")
+        raise InputError(f"{path}: does not give its voxel size; set the lesion's voxel_mm")
     return values, spacing
 
 
@@ -82,7 +82,7 @@ def _hdf5(path: Path) -> NDArray[np.generic]:
         import h5py  # imported when needed: an extra
     except ImportError:
         raise InputError(
-            f"{path}: HDF5 is read by h5py, which is not installed; pip install mammosim[hdf5]"
+            f"{path}: HDF5 files need h5py, which is not installed: pip install h5py"
         ) from None
     if not path.is_file():
         raise InputError(f"{path}: no such file")
@@ -109,7 +109,7 @@ def _parts(values: NDArray[np.generic], path: Path) -> NDArray[np.float64]:
     ):
         raise InputError(
             f"{path}: found values from {np.nanmin(parts):g} to {np.nanmax(parts):g}, expected "
-            "whole numbers, or parts of a voxel from 0 to 1"
+            f"whole numbers, or fractions of a voxel from 0 to 1"
         )
     return np.minimum(parts, 1.0)
 

@@ -60,12 +60,12 @@ def read_mesh(path: Path) -> LesionShape:
         odd = int(np.count_nonzero(counts != 2))
         raise InputError(
             f"{path}: the surface has holes: {odd} of {len(edges)} edges do not join two "
-            "triangles, expected a closed surface; close it, as with MeshLab or trimesh"
+            "triangles, expected a closed surface; close it, e.g. with MeshLab or trimesh"
         )
     if not mesh.is_winding_consistent:
         raise InputError(
-            f"{path}: its triangles face both ways, expected a surface with one outside; "
-            "orient it, as with MeshLab or trimesh"
+            f"{path}: its triangles face both ways, expected a consistently oriented surface; "
+            f"orient it, e.g. with MeshLab or trimesh"
         )
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
     volume = float(mesh.volume)

@@ -18,8 +18,8 @@ BREAST_AXES = "ALS"
 """Letters of the breast frame itself: +x anterior, +y patient's left, +z superior."""
 
 AXES_EXPECTED = (
-    f"three letters as {BREAST_AXES}: towards what each axis of the file runs, A or P, L or R, "
-    "S or I"
+    f"three letters such as {BREAST_AXES}, the direction of each axis of the file: A or P, L or "
+    f"R, S or I"
 )
 """What to say of letters that are none."""
 

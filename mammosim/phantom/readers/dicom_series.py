@@ -100,7 +100,7 @@ def open_dicom_series(path: Path) -> VoxelFile:
     order, notes = _order(slices, path)
     if others:
         notes.append(
-            f"{len(others)} files of {path.name} are no DICOM pictures and were passed over "
+            f"{len(others)} files of {path.name} are not DICOM images and were skipped "
             f"({', '.join(sorted(others)[:3])})"
         )
     first = slices[order.index[0]]
@@ -151,7 +151,9 @@ def _read_headers(path: Path) -> tuple[list[Slice], list[str]]:
         except (*DAMAGE, pydicom.errors.BytesLengthException) as error:
             raise InputError(f"{file}: damaged DICOM header ({reason_of(error)})") from None
     if not slices:
-        raise InputError(f"{path}: the folder holds no DICOM pictures, expected a series of slices")
+        raise InputError(
+            f"{path}: the folder contains no DICOM images, expected a series of slices"
+        )
     return slices, others
 
 
@@ -172,8 +174,8 @@ def _slice(header: Any, file: Path) -> Slice:
         )  # fmt: skip
     if frames != 1 or samples != 1:
         raise InputError(
-            f"{file}: holds {frames} frames with {samples} values a pixel, expected one slice of "
-            "labels"
+            f"{file}: holds {frames} frames with {samples} values per pixel, expected one slice "
+            f"of labels"
         )
     return found
 
@@ -208,8 +210,8 @@ def _check_one_volume(slices: Sequence[Slice], path: Path) -> None:
     if len(series) > 1:
         counts = ", ".join(f"{count} of {uid or 'none'}" for uid, count in series.most_common(5))
         raise InputError(
-            f"{path}: holds {len(series)} series ({counts}), expected one; put each into a folder "
-            "of its own"
+            f"{path}: holds {len(series)} series ({counts}), expected one; put each into its own "
+            f"folder"
         )
     common = slices[0].form
     problems = [
@@ -219,7 +221,7 @@ def _check_one_volume(slices: Sequence[Slice], path: Path) -> None:
         if value != common[name]
     ]
     if problems:
-        raise InputError([*problems[:10], f"{path}: its slices are no one volume"])
+        raise InputError([*problems[:10], f"{path}: its slices do not form one volume"])
 
 
 def _order(slices: Sequence[Slice], path: Path) -> tuple[SliceOrder, list[str]]:
@@ -232,7 +234,7 @@ def _order(slices: Sequence[Slice], path: Path) -> tuple[SliceOrder, list[str]]:
         normal = _direction(orientation, path)[:, 2]  # type: ignore[arg-type]
         at = np.array(positions, dtype=np.float64)
         return by_position(at, normal, names, slices[0].thickness, path), []
-    note = f"{path.name} says no positions of its slices: InstanceNumber gave their order"
+    note = f"{path.name} gives no slice positions: slices were ordered by InstanceNumber"
     numbers = [entry.number for entry in slices]
     return by_number(numbers, names, slices[0].thickness, path), [note]
 

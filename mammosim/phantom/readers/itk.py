@@ -64,7 +64,7 @@ def open_itk(path: Path, says_axes: bool, files: tuple[Path, ...] = ()) -> Voxel
     if any(side != 1 for side in size[3:]) or len(size) < 3 or pixel not in DTYPES:
         raise InputError(
             f"{path}: found size {list(size)} of {pixel} with {reader.GetNumberOfComponents()} "
-            "values a voxel, expected one volume of labels"
+            "values per voxel, expected one volume of labels"
         )
     shape = checked_shape(size[:3], path)
     spacing = checked_spacing(reader.GetSpacing()[:3], path)

@@ -46,7 +46,7 @@ MAX_HEADER_BYTES = 1 << 20
 
 NO_ORIENTATION = {"", "???"}
 
-BY_CUSTOM = "by VICTRE's custom, since its header says no orientation"
+BY_CUSTOM = "by VICTRE's convention, since its header gives no orientation"
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def open_metaimage(path: Path) -> VoxelFile:
     matrix = _matrix(header, path)
     if header.get("AnatomicalOrientation", "") in NO_ORIENTATION:
         if not np.allclose(matrix, np.eye(3)):
-            notes.append(f"{path.name} turns its axes but says no orientation: not turned")
+            notes.append(f"{path.name} rotates its axes but gives no orientation: not rotated")
         axes, said_by = BREAST_AXES, BY_CUSTOM
     else:
         from_lps = frame_from_lps(path)
@@ -164,7 +164,7 @@ def _dtype(header: Mapping[str, str], path: Path) -> np.dtype[Any]:
             f"{path}: ElementType is '{name}', expected one of {', '.join(ELEMENT_TYPES)}"
         )
     if header.get("ElementNumberOfChannels", "1") != "1":
-        raise InputError(f"{path}: more than one value a voxel, expected a volume of labels")
+        raise InputError(f"{path}: more than one value per voxel, expected a volume of labels")
     if header.get("BinaryData", "True").lower() != "true":
         raise InputError(f"{path}: BinaryData = {header['BinaryData']}, expected voxels in binary")
     big = header.get("BinaryDataByteOrderMSB", header.get("ElementByteOrderMSB", "False"))

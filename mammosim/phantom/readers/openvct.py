@@ -102,7 +102,7 @@ def open_openvct(path: Path) -> VoxelFile:
     if deformed:
         notes = (
             *notes,
-            f"{path.name} is compressed already ({deformed}): take model 'none' for it",
+            f"{path.name} is already compressed ({deformed}): use model 'none'",
         )
     half = -0.5 * (np.array(shape) - 1.0) * spacing
     first = np.array([0.5 * spacing[0], half[1], half[2]])
@@ -162,7 +162,9 @@ def _check_coding(root: Element, path: Path) -> None:
     bits = root.findtext("Voxel_Array/Number_Bits", "8").strip()
     kind = root.findtext("Voxel_Array/VOXEL_TYPE", "V_UINT8").strip().upper()
     if bits != "8" or kind not in VOXEL_TYPES:
-        problems.append(f"{path}: its voxels are {kind} of {bits} bits, expected one byte a voxel")
+        problems.append(
+            f"{path}: its voxels are {kind} of {bits} bits, expected one byte per voxel"
+        )
     order = root.findtext("Voxel_Array/VOXEL_ARRAY_ORDER", "X | Y | Z")
     letters = [letter for letter in order.upper() if letter in "XYZ"]
     if letters != ["X", "Y", "Z"]:
@@ -195,7 +197,8 @@ def _label_map(root: Element, path: Path) -> tuple[dict[int, str], tuple[str, ..
     if not mixed:
         return tissues, ()
     return tissues, (
-        f"{path.name} mixes materials in some values; the greatest part was taken: index "
+        f"{path.name} mixes materials in some values; the one with the greatest weight was used: "
+        f"index "
         f"{', '.join(mixed)}",
     )
 

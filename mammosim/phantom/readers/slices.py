@@ -81,7 +81,8 @@ def by_position(
         > along[index[-1]] - along[index[0]]
     ):
         raise InputError(
-            f"{path}: its slices are shifted against each other (by {drift.round(2).tolist()} mm "
+            f"{path}: its slices are shifted relative to each other (by {drift.round(2).tolist()} "
+            f"mm "
             "from first to last), expected a straight stack; resample it first"
         )
     return SliceOrder(tuple(int(number) for number in index), step, True)
@@ -133,8 +134,8 @@ def by_number(
     if len(known) < len(numbers):
         nameless = names[list(numbers).index(None)]
         raise InputError(
-            f"{path}: {nameless} has neither ImagePositionPatient nor InstanceNumber, so that the "
-            "order of slices is not known"
+            f"{path}: {nameless} has neither ImagePositionPatient nor InstanceNumber, so the "
+            f"order of slices is not known"
         )
     index = sorted(range(len(known)), key=known.__getitem__)
     problems = []

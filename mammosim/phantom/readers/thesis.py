@@ -56,7 +56,8 @@ def open_thesis(path: Path) -> VoxelFile:
     """
     side = cube_side(path)
     note = (
-        f"{path.name} says no voxel size and position: {VOXEL_MM:g} mm was taken, x from the chest "
+        f"{path.name} gives no voxel size or position: {VOXEL_MM:g} mm was assumed, x from the "
+        f"chest "
         "wall, z as in the file, y towards the patient's left"
     )
     return VoxelFile(
@@ -75,8 +76,8 @@ def _load(path: Path, side: int, step: int) -> Voxels:
     if unknown.any():
         found = ", ".join(str(code) for code in np.unique(values[unknown])[:20])
         notes = (
-            f"{int(unknown.sum())} voxels of {path.name} hold codes that the thesis does not name "
-            f"({found}): taken as fat, as it does",
+            f"{int(unknown.sum())} voxels of {path.name} hold codes that the thesis does not "
+            f"define ({found}): treated as fat, as in the thesis",
         )
         values[unknown] = FAT
     ny, _, nx = values.shape
@@ -97,7 +98,7 @@ def cube_side(path: Path) -> int:
     if side == 0 or 2 * side**3 != size:
         near = max(side, 1)
         raise InputError(
-            f"{path}: holds {size} bytes, expected a cube of 2-byte codes as the thesis' input "
+            f"{path}: holds {size} bytes, expected a cube of 2-byte codes like the thesis' input "
             f"file ({2 * near**3} bytes for a side of {near})"
         )
     return side

@@ -93,13 +93,13 @@ def _volume_shape(series: list[Any], path: Path) -> tuple[int, int, int]:
     """Columns, rows and pages."""
     if len(series) != 1:
         raise InputError(
-            f"{path}: holds {len(series)} pictures of different sizes, expected one volume"
+            f"{path}: holds {len(series)} images of different sizes, expected one volume"
         )
     sides = [side for side in series[0].shape if side != 1]
     if len(sides) != 3 or series[0].keyframe.samplesperpixel != 1:
         raise InputError(
-            f"{path}: its pages make an array {list(series[0].shape)} ({series[0].axes}), expected "
-            "one value a pixel on two pages or more"
+            f"{path}: its pages make an array {list(series[0].shape)} ({series[0].axes}), "
+            f"expected one value per pixel on two or more pages"
         )
     return checked_shape(sides[::-1], path)
 

@@ -53,8 +53,8 @@ def open_uwcem(path: Path) -> VoxelFile:
         text = read_text(beside, MAX_INFO_BYTES)
     except (OSError, ValueError):
         raise InputError(
-            f"{path}: text files of voxels are read with {INFO_FILE} of UWCEM's repository beside "
-            "them, found none that can be read"
+            f"{path}: text files of voxels need UWCEM's {INFO_FILE} beside them; found none that "
+            f"can be read"
         ) from None
     sides = dict(re.findall(r"\bs([123])\s*=\s*(\d{1,6})", text))
     if len(sides) != 3:
@@ -93,7 +93,7 @@ def _append(lines: bytes, values: np.ndarray, filled: int, path: Path) -> int:
             warnings.simplefilter("error")  # NumPy warns where a text breaks off
             found = np.fromstring(lines.decode("ascii"), np.float32, sep=" ")
     except (ValueError, DeprecationWarning):
-        raise InputError(f"{path}: expected numbers, one a line, as mtype.txt has them") from None
+        raise InputError(f"{path}: expected one number per line, as in mtype.txt") from None
     room = values[filled : filled + found.size]
     room[:] = found[: room.size]
     return filled + found.size

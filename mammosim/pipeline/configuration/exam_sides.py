@@ -37,8 +37,8 @@ def _file_problems(sides: tuple[Side, ...], phantom: PhantomSettings) -> list[st
     file = phantom.file
     if isinstance(file, str) and len(sides) > 1:
         return [
-            f"phantom.file: found {file!r:.200} for both breasts, expected a file for each side, "
-            "as {L: left.mhd, R: right.mhd}"
+            f"phantom.file: found {file!r:.200} for both breasts, expected one file per side, as "
+            "{L: left.mhd, R: right.mhd}"
         ]
     if isinstance(file, dict) and set(file) != set(sides):
         found = ", ".join(sorted(file))
@@ -73,13 +73,13 @@ def _view_problems(sides: tuple[Side, ...], views: Sequence[ViewSettings]) -> li
     for side in sides or (None,):
         labels = [view.label for view in views if view.laterality in (side, None)]
         if not labels:
-            problems.append(f"views: none of them is of laterality {side}, expected one at least")
+            problems.append(f"views: none of them is of laterality {side}, expected at least one")
         folded = [label.casefold() for label in labels]
         twice.update(dict.fromkeys(la for la in labels if folded.count(la.casefold()) > 1))
     if twice:
         problems.append(
             f"views: {', '.join(sorted(twice))} is listed twice; each view may be listed once, or "
-            "again under a name of its own, as {view: CC, name: CC_spot}"
+            "again under its own name, as {view: CC, name: CC_spot}"
         )
     return problems
 

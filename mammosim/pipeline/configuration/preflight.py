@@ -81,8 +81,8 @@ def check_settings(config: RunConfig) -> None:
             problems += error.problems
         if view.tomosynthesis and view.acquisition.contrast is not None:
             problems.append(
-                f"{view.label}: acquisition.contrast belongs to mammograms, not to a series of "
-                "projections (dbt)"
+                f"{view.label}: acquisition.contrast is for mammograms, not for a series of "
+                f"projections (dbt)"
             )
         try:
             _check_series(view)
@@ -139,9 +139,9 @@ def _unnamed_view(config: RunConfig, breast: BreastPhantom) -> list[str]:
     as_it_is = not all(MODELS[view.compression.model].compresses for view in config.resolved_views)
     if not as_it_is and len(names) == 1:
         return []
-    why = "compression.model is none" if as_it_is else f"{len(names)} views are asked for"
+    why = "compression.model is none" if as_it_is else f"{len(names)} views are requested"
     return [
-        f"phantom.compressed_for: left out, but the phantom holds plates (label 50) and {why}; "
+        f"phantom.compressed_for: not given, but the phantom contains plates (label 50) and {why}; "
         "expected CC, MLO or ML, and that view alone"
     ]
 

@@ -58,8 +58,9 @@ MAPPED_BYTES = 5e8
 needs a limit (``ulimit -v``) between 1.2 and 1.5 GB."""
 
 UNEVEN_IODINE = (
-    "acquisition.contrast: springs do not keep tissue's volume, and the unevenness that they leave "
-    "is as bright in the image of iodine as a lesion; compression.model: hyperelastic keeps it"
+    "acquisition.contrast: springs do not conserve the volume of tissue, and the resulting "
+    "unevenness is as bright in the iodine image as a lesion; compression.model: hyperelastic "
+    "conserves it"
 )
 
 START_S = 5.0

@@ -39,8 +39,8 @@ def refuse_links(folder: Path) -> None:
             own = path.parent == folder and (name == STAGES_FOLDER or VIEW_FOLDER.fullmatch(name))
             if path.is_symlink() and (name in folders or own):
                 raise InputError(
-                    f"{path}: is a link to {os.readlink(path)}; a run does not write through links "
-                    "in its folder; remove it, or choose another output folder"
+                    f"{path}: is a link to {os.readlink(path)}; a run does not write through "
+                    f"links in its folder; remove it, or choose another output folder"
                 )
 
 

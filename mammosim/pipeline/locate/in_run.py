@@ -100,7 +100,7 @@ def _check_breast(saved: Mapping[str, SavedView]) -> None:
     sides = {view.gantry.view.laterality for view in saved.values()}
     if len(sides) > 1:
         raise InputError(
-            f"locate: found {' and '.join(saved)}, which are of two breasts; expected views of one"
+            f"locate: found {' and '.join(saved)}, which show two breasts; expected views of one"
         )
 
 
@@ -123,6 +123,8 @@ def _check(
             "one each"
         )
     if height_mm is not None and len(views) > 1:
-        problems.append("locate: a height goes with one view; two pictures give the height")
+        problems.append(
+            "locate: a height can be given for one view only; two images determine the height"
+        )
     if problems:
         raise InputError(problems)

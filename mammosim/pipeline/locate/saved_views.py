@@ -82,7 +82,7 @@ def read_views(run: str | PathLike[str], names: Sequence[str]) -> dict[str, Save
             raise InputError(f"view: found '{name}', {run} has {', '.join(found)}")
         if len(of_name) > 1:
             raise InputError(
-                f"view: found '{name}', which both breasts have; say {' or '.join(of_name)}"
+                f"view: found '{name}', which both breasts have; use {' or '.join(of_name)}"
             )
         folders[name] = run / of_name[0]
     views = {folder: _read_view(folder) for folder in dict.fromkeys(folders.values())}

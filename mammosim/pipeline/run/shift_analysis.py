@@ -263,6 +263,6 @@ def _left_out(what: str, samples: Sequence[Sample], lost: Sequence[int]) -> str:
     named = "; ".join(f"{number + 1} ({samples[number]})" for number in lost[:MOST_NAMED])
     more = f"; and {len(lost) - MOST_NAMED} more" if len(lost) > MOST_NAMED else ""
     return (
-        f"{what}: {len(lost)} of {len(samples)} samples did not converge and were left out: "
+        f"{what}: {len(lost)} of {len(samples)} samples did not converge and were omitted: "
         f"{named}{more}"
     )
