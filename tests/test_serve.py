@@ -228,4 +228,4 @@ def test_without_its_library_the_command_says_how_to_get_it(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     result = invoke("serve")
     assert result.exit_code == 2
-    assert 'pip install "mammosim[serve]"' in result.output
+    assert "pip install nicegui" in result.output
