@@ -124,7 +124,7 @@ BAD = [
     ({"cohort": {}}, r"patients or patients_file must be given"),
     ({"cohort": {"patients": 0}}, r"cohort.patients: found 0"),
     ({"cohort": {"patients": 2, "patient": 3}}, r"cohort.patient: unknown key; did you mean"),
-    ({"cohort": {"patients": 2, "dataset": {"split": {"train": 1}}}}, r"are 1.3 together"),
+    ({"cohort": {"patients": 2, "dataset": {"split": {"train": 1}}}}, r"add up to 1.3"),
     ({"seed": {"uniform": [1, 2]}}, r"seed: found .*, expected a whole number of 0 or more"),
     ({"laterality": {"choice": []}}, r"laterality.choice: found \[\]"),
     ({"laterality": {"choice": ["L"], "weights": [1, 2]}}, r"found 2 weights for 1 values"),

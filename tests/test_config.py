@@ -47,7 +47,7 @@ def test_all_mistakes_come_at_once():
     with pytest.raises(InputError) as caught:
         to_settings(Outer, values, "file.yaml")
     assert set(caught.value.problems) == {
-        "file.yaml: name: missing, must be given",
+        "file.yaml: name: missing; it must be given",
         "file.yaml: inner.length_mm: found -1, expected greater than 0",
         "file.yaml: inner.lenght_mm: unknown key; did you mean 'length_mm'?",
         "file.yaml: inner.kind: found 'three', expected 'one' or 'two'",

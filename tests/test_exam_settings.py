@@ -87,7 +87,7 @@ def test_the_plan_of_an_exam_holds_both_breasts():
         ),
         (
             {"laterality": ["L", "R"], "phantom": {"file": "both.mhd"}},
-            "both.mhd' for both breasts, expected a file for each side",
+            "both.mhd' for both breasts, expected one file per side",
         ),
         (
             {"phantom": {"file": {"L": "a.mhd", "R": "a.mhd"}}},
@@ -97,15 +97,15 @@ def test_the_plan_of_an_exam_holds_both_breasts():
             {"laterality": ["L", "R"], "phantom": {"file": {"L": "a.mhd"}}},
             "found files for L, expected one for each side of laterality: L, R",
         ),
-        ({"phantom": {"file": {"left": "a.mhd"}}}, "expected one file, or a file for each side"),
-        ({"phantom": {"file": ["a.mhd"]}}, "expected one file, or a file for each side"),
+        ({"phantom": {"file": {"left": "a.mhd"}}}, "expected one file, or one file per side"),
+        ({"phantom": {"file": ["a.mhd"]}}, "expected one file, or one file per side"),
         (
             {"laterality": "L", "views": ["CC", {"view": "MLO", "laterality": "R"}]},
             "views.1.laterality: found R, but only L is imaged",
         ),
         (
             {"laterality": ["L", "R"], "views": [{"view": "CC", "laterality": "R"}]},
-            "views: none of them is of laterality L, expected one at least",
+            "views: none of them is of laterality L, expected at least one",
         ),
         ({"views": ["CC", {"view": "CC", "name": "cc"}]}, "CC, cc is listed twice"),
         ({"views": [{"view": "CC", "name": "MLO"}]}, "is what another view or a series is called"),
@@ -157,5 +157,5 @@ def test_a_magnified_view_that_keeps_grid_and_large_focal_spot_is_a_warning():
 def test_iodine_behind_springs_is_a_warning():
     agent = {"acquisition": {"contrast": {}}, "views": ["CC"]}
     (warning,) = make_plan(config(**agent)).warnings
-    assert "CC: acquisition.contrast: springs do not keep tissue's volume" in warning
+    assert "CC: acquisition.contrast: springs do not conserve the volume of tissue" in warning
     assert make_plan(config(**agent, compression={"model": "hyperelastic"})).warnings == ()

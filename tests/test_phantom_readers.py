@@ -154,7 +154,7 @@ def test_a_dicom_series_among_other_files(tmp_path):
     (folder / ".hidden").write_text("")
     breast = read_phantom(folder)
     assert breast.laterality == "R"
-    assert any("1 files of series are no DICOM pictures" in note for note in breast.notes)
+    assert any("1 files of series are not DICOM images" in note for note in breast.notes)
     assert read_phantom(folder, laterality="L").laterality == "L"
 
 
@@ -203,7 +203,7 @@ def test_openvct_that_is_compressed_already_is_noted(tmp_path):
         "<Deformation><Deformation_Mode>DEFORM_CC</Deformation_Mode></Deformation></VCT_Phantom>",
     )
     breast = read_phantom(save_vctx(tmp_path / "b.vctx", small_breast(), text))
-    assert any("compressed already (DEFORM_CC)" in note for note in breast.notes)
+    assert any("already compressed (DEFORM_CC)" in note for note in breast.notes)
 
 
 @pytest.mark.parametrize("unit", ["micron", r"\u00B5m"])
@@ -381,4 +381,4 @@ def test_the_fda_phantom():
 def test_the_fda_phantom_taken_as_left_is_left_and_warned():
     breast = read_phantom(VICTRE, "victre", laterality="L")
     assert breast.laterality == "L"
-    assert any("looks like R: taken as given" in note for note in breast.notes)
+    assert any("looks like R: used as given" in note for note in breast.notes)

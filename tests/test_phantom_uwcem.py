@@ -56,7 +56,7 @@ def test_converted_to_labels_of_our_own(tmp_path):
 @pytest.mark.parametrize(
     ("content", "info", "message"),
     [
-        ("-1\n-2\n", None, "breastInfo.txt of UWCEM's repository beside"),
+        ("-1\n-2\n", None, "UWCEM's breastInfo.txt beside"),
         ("-1\n" * 8, "s1=2\ns2=2\n", "found no size, expected lines s1="),
         ("-1\n" * 7 + " \n" * 3, "s1=2\ns2=2\ns3=2\n", "holds 7 values, expected 8 for 2 x 2 x 2"),
         ("-1\n" * 9, "s1=2\ns2=2\ns3=2\n", "holds 9 values, expected 8"),
