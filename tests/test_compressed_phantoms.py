@@ -197,7 +197,7 @@ def test_a_compressed_breast_that_is_compressed_again_says_so(tmp_path):
     keys = {"phantom": {"file": "a.npz", "compressed_for": "CC"}, "laterality": "L"}
     compression = {"thickness_mm": 30, "resolution_mm": 8.0}
     result = invoke("check", write(tmp_path, **keys, views=["CC"], compression=compression))
-    assert "warning: LCC: the phantom was compressed before and" in " ".join(result.output.split())
+    assert "warning: LCC: the phantom is already compressed and" in " ".join(result.output.split())
 
 
 @pytest.mark.parametrize(
@@ -222,7 +222,7 @@ def test_the_view_of_a_compressed_breast_must_be_known(views, compression, why, 
 
 def test_what_is_not_known_of_a_compressed_breast_is_said(tmp_path):
     breast = read_phantom(save(tmp_path, slab()))
-    assert "taken for those of CC" in compress(breast, "CC", model="none").notes[0]
+    assert "assumed to be those of CC" in compress(breast, "CC", model="none").notes[0]
     assert any("which breast it is: left was assumed" in note for note in breast.notes)
     keys = {"phantom": {"file": "a.npz"}, "compression": {"thickness_mm": 30, "resolution_mm": 8}}
     result = invoke("check", write(tmp_path, **keys, views=["CC"]))
@@ -254,7 +254,7 @@ def test_pieces_of_a_mass_are_one_lesion(tmp_path):
     breast = read_pieces(tmp_path, labels, voxel, min_volume_mm3=0.2)
     assert [lesion.name for lesion in breast.lesions] == ["mass 1"]
     assert breast.lesions[0].volume_mm3 == (16**3 + 8 + 2) * voxel**3
-    assert "4 pieces of mass were taken for one lesion" in " ".join(breast.notes)
+    assert "4 pieces of mass were merged into one lesion" in " ".join(breast.notes)
     assert len(read_pieces(tmp_path, labels, voxel, merge_mm=0, min_volume_mm3=0).lesions) == 4
 
 
