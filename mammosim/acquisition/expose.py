@@ -101,7 +101,7 @@ def expose(
 
 
 def _copied(arrival: Arrival) -> Arrival:
-    """The same arrival with images of its own, without the primary by itself."""
+    """A copy of the arrival with its own images and without the separate primary."""
     return replace(
         arrival, signal=arrival.signal.copy(), square=arrival.square.copy(), primary=None
     )
@@ -237,10 +237,10 @@ def entrance_kerma_mgy(arrival: Arrival, mas: float) -> float:
 
 
 def dose_of(arrival: Arrival, mas: float) -> tuple[Dose, DoseFactors]:
-    """Dose of an exposure by every method at hand, and Dance's factors.
+    """Dose of an exposure by every available method, and Dance's factors.
 
     Dance means the gland's share of the breast under 5 mm of fat. Only where the voxels are known
-    can it be told; else the share inside the skin stands in.
+    is that known; otherwise the share inside the skin is used.
     """
     beam, coarse, found = arrival.beam, arrival.coarse, arrival.scatter.dose
     kerma = entrance_kerma_mgy(arrival, mas)
@@ -296,14 +296,14 @@ def _quality(exposure: Exposure, detector_kerma_mgy: float) -> dict[str, float]:
     return {
         "transmission": transmission,
         "relative_quantum_noise": exposure.dense_noise / exposure.dense_signal,
-        # 100 times the air kerma in uGy that would leave this signal: IEC 62494-1, but for this
+        # 100 times the air kerma in uGy that would leave this signal: IEC 62494-1, except for this
         # beam instead of the standard's.
         "exposure_index": 100.0 * transmission * detector_kerma_mgy * 1000.0,
     }
 
 
 def _contact(paths: PathLengths) -> dict[str, float]:
-    """Contact under the paddle, where the compressed breast is at hand."""
+    """Contact under the paddle, if the compressed breast is available."""
     if paths.breast is None:
         return {}
     measures = paths.breast.measures

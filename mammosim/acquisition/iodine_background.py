@@ -53,7 +53,7 @@ def flattened(
 
     * the median over all places at one distance from the skin, as far in as the breast is thick
       and constant from there on: the margin bulges freely, and nearly alike all along the breast.
-      Clinical systems likewise correct it by a model of the margin's shape, and leave a rim in 97
+      Clinical systems also correct it by a model of the margin's shape, and leave a rim in 97
       to 99 per cent of images (Yagil et al. 2016, Clin Radiol 71:450);
     * of the rest, the mean over `BACKGROUND_SIGMA_MM` inside the breast.
 

@@ -1,4 +1,4 @@
-"""The mammogram: what the detector recorded, and the picture made of it for reading."""
+"""The mammogram: the recorded signal and the For Presentation image."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class IodineImage:
     mg_cm2 : ndarray of float32, [row, column]
         Iodine over that of the breast's middle, mg/cm2.
     flattened_mg_cm2 : ndarray of float32, [row, column]
-        The same without its wide background, for reading.
+        The same without its wide background, for presentation.
     weight : float
         Weight of the low-energy image.
     per_mg_cm2 : float

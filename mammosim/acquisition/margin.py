@@ -61,7 +61,7 @@ outermost millimetre, so that the skin line rises from black over about that, as
 clinical images (0.55 to 1.65 mm)."""
 
 PROFILE_SIGMA_MM = 1.5
-"""The profile of fat is smoothed by this before it is made up for, as scanners' estimates of the
+"""The profile of fat is smoothed by this before it is compensated, as scanners' estimates of the
 thickness are: just inside the edge a little too much is added, and too little at it."""
 
 SKIN_MM = 1.5
@@ -102,7 +102,7 @@ gland: their filters bring out what stands against the black of air. Set by eye.
 
 THIN_DEPTH_MM, THIN_SIGMA_MM, THIN_PART = 1.0, 1.5, 0.9
 """Thin places are looked for deeper than the first, on the scale of the second, and this part of
-what they lack is made up."""
+what they lack is added."""
 
 
 @dataclass(frozen=True, eq=False)

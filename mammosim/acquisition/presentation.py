@@ -115,7 +115,7 @@ def present(
        local contrast enhancement of scanners in its simplest form.
     4. Before all this the finest noise is smoothed and fine detail raised, as scanners do.
 
-    At any one place more attenuation is always brighter (but for the overshoot of the raised
+    At any one place more attenuation is always brighter (except for the overshoot of the raised
     detail); nothing is clipped.
     """
     cell = cell_pixels(CELL_MM, pixel_mm)

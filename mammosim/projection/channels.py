@@ -28,7 +28,7 @@ class Channels:
     lesions : tuple of Lesion or None
         Lesion that each channel is, None where it is a material.
     of_label : ndarray of int64, (256,)
-        Channel of each label; mixtures have channels of their own after the named ones, air the
+        Channel of each label; mixtures have their own channels after the named ones, air the
         one after those.
     shares : ndarray of float32, (mixtures, ``len(names)``)
         Part of each material in the mixtures, in the order of their channels.

@@ -49,7 +49,7 @@ class CoarseBreast:
     spacing_mm : ndarray, (3,)
         Edges of a voxel, mm.
     materials : tuple of str
-        Materials that are told apart.
+        Materials that are distinguished.
     shares : ndarray of uint64, [x, y, z]
         How many eighths of a voxel each material fills: four bits a material, the first lowest.
     density : ndarray of float32, [x, y, z]

@@ -123,7 +123,7 @@ def cast_shadow(
     Raises
     ------
     InputError
-        As `place_detector`, but for the detector's format.
+        As `place_detector`, except for the detector's format.
     """
     gantry, corners = _tissue_over(squeezed, voxel_map(squeezed), settings, arc)
     return _shadow(corners, gantry, arc)

@@ -15,7 +15,7 @@ from mammosim.geometry import Gantry
 class PathLengths:
     """Lengths of each tissue along the ray to each pixel.
 
-    Tissues of one material are one channel; each lesion is a channel of its own, whose length is
+    Tissues of one material are one channel; each lesion has its own channel, whose length is
     the exact truth of where it appears.
 
     Parameters

@@ -54,7 +54,7 @@ def smooth_voxels(
     stretches the voxels in the plane of the image. Nothing finer than a voxel is known of the
     breast, so a Gaussian of about a third of a stretched voxel, as seen at mid-height, costs
     little; skin, a smooth layer, is smoothed more. An axis along which voxels are no larger than a
-    pixel there is left alone. Sums are kept, but for what crosses the picture's border.
+    pixel there is left alone. Sums are kept, except for what crosses the image border.
     """
     to_spot = gantry.source_to_detector_mm - gantry.support_to_detector_mm - 0.5 * thickness_mm
     scale = gantry.source_to_detector_mm / to_spot / gantry.pixel_mm

@@ -79,7 +79,7 @@ def compressed_labels(
 def _fine_nodes(
     squeezed: CompressedBreast, mapped: VoxelMap
 ) -> tuple[VoxelFrame, NDArray[np.float32]]:
-    """Nodes of an inverse map of about `MAP_SPACING_MM`: those at hand, or made for it."""
+    """Nodes of an inverse map of about `MAP_SPACING_MM`: those available, or computed."""
     per_cell = round(float(max(mapped.frame.spacing_mm)) / MAP_SPACING_MM)
     if per_cell < 2 or not squeezed.is_compressed:
         return mapped.frame, mapped.nodes

@@ -92,9 +92,9 @@ def scattering_function(
 
     Notes
     -----
-    Atoms add up independently of each other, but for the electrons of `UNBOUND`: they fill a Fermi
-    sphere of the radius ``p_F = (3 pi^2 n)^(1/3)``, n being their number in a cubic Bohr radius,
-    and have the profile ``J0 = 3 / (4 p_F)`` and no binding energy.
+    Atoms add up independently of each other, except for the electrons of `UNBOUND`: they fill a
+    Fermi sphere of the radius ``p_F = (3 pi^2 n)^(1/3)``, where n is their number in a cubic Bohr
+    radius, and have the profile ``J0 = 3 / (4 p_F)`` and no binding energy.
     """
     energies, cosines = tuple(map(float, energy_kev)), tuple(map(float, cosine))
     total = np.zeros((energy_kev.size, cosine.size))

@@ -8,7 +8,7 @@ from scipy import ndimage
 from mammosim.acquisition.coarse import NOT_PARENCHYMA
 from mammosim.acquisition.monte_carlo.scene import Scene, density_of, mixture_of
 
-SHELL_MM = 5.0  # of fat all around the mixture, but for the chest wall: Dance 1990
+SHELL_MM = 5.0  # of fat all around the mixture, except at the chest wall: Dance 1990
 
 
 def core_glandularity_percent(scene: Scene) -> float:

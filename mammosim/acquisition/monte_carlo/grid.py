@@ -15,7 +15,7 @@ from mammosim.acquisition.attenuation import BEAM_MATERIALS, attenuation_per_mm
 COSINES = 16
 TANGENTS = 96
 LARGEST_TANGENT = 0.6
-"""Tangents that are told apart: beyond, a ratio of 5 lets less than 1e-3 of anything through."""
+"""Largest tangent tabulated: beyond it, a ratio of 5 transmits less than 1e-3 of anything."""
 
 _PLACES = 48  # where along a period photons enter, for the mean
 
@@ -77,7 +77,7 @@ class Grid:
         -----
         A photon that moves sideways by ``h tangent`` while it falls by the strips' height h meets
         strips over a part o of that way, so that it goes through ``o h / cosine`` of strip and
-        ``(1 - o) h / cosine`` of interspace. The way is begun at places spread over a period.
+        ``(1 - o) h / cosine`` of interspace. Starting points are spread over one period.
         """
         strip, gap = (
             attenuation_per_mm(BEAM_MATERIALS[name], energy_kev)[:, None, None]

@@ -291,7 +291,7 @@ def _screen(
     cell_mm: float,
     margin: int,
 ) -> Screen:
-    """Cells of the detector, and what it and the grid do to a photon by its direction."""
+    """Cells of the detector, and the response of detector and grid to a photon by its direction."""
     per_cell = gantry.pixel_mm / cell_mm
     (row_at, column_at), (row_on, column_on) = (
         (gantry.pixel_of(at, at) + 0.5) * per_cell + margin for at in (0.0, 1.0)

@@ -93,8 +93,8 @@ def _columns_mm(
 ) -> NDArray[np.float64]:
     """Tissue straight above each cell, mm, that has these paths along the rays, times the cosine.
 
-    Rays cross the margin aslant: its shape, steep or round, shows only in how fast their paths
-    shorten. Starts from the paths as they are at half the gap's height; what is too long or too
+    Rays cross the margin obliquely: its shape, steep or round, shows only in how fast their paths
+    shorten. The iteration starts from the paths at half the gap's height; what is too long or too
     short along each ray is shared among the columns that it crosses (Landweber's iteration, with
     the momentum of Beck and Teboulle 2009, SIAM J Imaging Sci 2:183).
     """

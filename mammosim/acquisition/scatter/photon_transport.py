@@ -63,7 +63,7 @@ def scatter_by_monte_carlo(case: ScatterCase) -> Scatter:
 
 
 def follow_through(case: ScatterCase) -> Scatter:
-    """The model with a breast at hand."""
+    """Monte Carlo through an available breast."""
     scene, tables, tallies, spectrum = transported(case)
     guide = Guide(*shape_of_scatter(case, scene, tables, spectrum, tallies.margin), case.cell_mm)
     pixel_mm2 = case.gantry.pixel_mm**2

@@ -1,4 +1,4 @@
-"""What a scatter model is given, and what it returns."""
+"""Input and output of a scatter model."""
 
 from __future__ import annotations
 
