@@ -75,7 +75,24 @@ It stands below the settings, which look a model's name up in it, and above noth
 
 
 def compressing_models(chest_wall: str = "fixed") -> list[str]:
-    """Names of the models that move tissue and know a way to hold the chest wall."""
+    """Names of the models that move tissue and know a way to hold the chest wall.
+
+    Parameters
+    ----------
+    chest_wall : str
+        Way to hold it, as `fixed`, `sliding` or `fascia`.
+
+    Returns
+    -------
+    list of str
+        In the order of `MODELS`.
+
+    Examples
+    --------
+    >>> from mammosim.compression import compressing_models
+    >>> compressing_models("fascia")
+    ['hyperelastic']
+    """
     return [
         name
         for name, model in MODELS.items()

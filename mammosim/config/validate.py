@@ -68,7 +68,23 @@ def _is_short_of_faulty_ones(item: Any, items: list[Any]) -> bool:
 
 
 def as_plain(value: Any) -> Any:
-    """A copy of nested values as YAML holds them: settings as mappings, tuples as lists."""
+    """A copy of nested values as YAML and JSON hold them.
+
+    Parameters
+    ----------
+    value : object
+        Settings, mappings, sequences, numbers, text, booleans or None, nested.
+
+    Returns
+    -------
+    object
+        Settings as mappings of all their fields, tuples as lists; nothing is shared with `value`.
+
+    Examples
+    --------
+    >>> as_plain({"views": ("CC", "MLO"), "seed": 1})
+    {'views': ['CC', 'MLO'], 'seed': 1}
+    """
     return json.loads(_as_json(value))
 
 
@@ -135,7 +151,27 @@ def _known_keys(kind: Any, location: tuple[Any, ...]) -> list[str]:
 
 
 def settings_in(annotation: Any) -> type[Settings] | None:
-    """The settings that a field's annotation holds, alone or among others; None if it has none."""
+    """The settings that a field's annotation holds, alone or among others.
+
+    Parameters
+    ----------
+    annotation : object
+        Of a field, as `PaddleSettings | None` or `tuple[ViewSettings, ...]`.
+
+    Returns
+    -------
+    type of Settings or None
+        The first one found; None if the annotation has none.
+
+    Examples
+    --------
+    >>> class Paddle(Settings):
+    ...     pass
+    >>> settings_in(tuple[Paddle, ...] | None).__name__
+    'Paddle'
+    >>> settings_in(float | None) is None
+    True
+    """
     if isinstance(annotation, type) and issubclass(annotation, Settings):
         return annotation
     for argument in getattr(annotation, "__args__", ()):

@@ -88,7 +88,29 @@ def _text(path: str | os.PathLike[str], max_bytes: int) -> str:
 
 
 def parse_value(text: str, where: str) -> Any:
-    """Parse one YAML value given as text."""
+    """Parse one YAML value given as text, as after `--set section.key=`.
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        What the value is for; begins the message of an error.
+
+    Returns
+    -------
+    object
+        Plain: mappings, lists, text, numbers, booleans or None.
+
+    Raises
+    ------
+    InputError
+        If the text is not YAML, or more than a configuration may hold.
+
+    Examples
+    --------
+    >>> parse_value("[CC, MLO]", "views")
+    ['CC', 'MLO']
+    """
     return _parse(text, where)
 
 
@@ -221,7 +243,15 @@ def _is_text(item: Any) -> bool:
 
 
 def write_yaml(value: Any, path: str | os.PathLike[str]) -> None:
-    """Write plain values as YAML, keys in the order given."""
+    """Write plain values as YAML in block style, keys in the order given.
+
+    Parameters
+    ----------
+    value : object
+        Mappings, lists, text, numbers, booleans and None; see `as_plain` for settings.
+    path : path
+        Replaced if it exists. Written in one go, but not atomically.
+    """
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]

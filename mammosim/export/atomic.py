@@ -79,13 +79,40 @@ def _remove(part: Path) -> None:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file in UTF-8 with Unix line ends, whole or not at all."""
+    """Write a text file, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        Replaced if it exists.
+    text : str
+        Written in UTF-8 with the line ends that it has.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
     with whole_file(path) as part:
         part.write_bytes(text.encode("utf-8"))
 
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
-    """Write plain values as JSON, whole or not at all; numbers that are not finite become null."""
+    """Write plain values as JSON, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        Replaced if it exists.
+    value : object
+        Mappings, sequences, text, numbers, arrays and None. Numbers that are not finite become
+        null, which JSON has no other word for.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
     text = json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")
 

@@ -14,7 +14,19 @@ from mammosim.geometry import Gantry, View
 
 
 def write_geometry(gantry: Gantry, path: str | PathLike[str]) -> None:
-    """Write a gantry as JSON; its keys are the fields of `Gantry` and, under `view`, of `View`."""
+    """Write where tube and detector stand, as JSON.
+
+    Parameters
+    ----------
+    gantry : Gantry
+    path : path
+        Usually `geometry.json` in a view's folder, from which `mammosim locate` reads it back.
+
+    Notes
+    -----
+    Keys are the fields of `Gantry` and, under `view`, those of `View`, with their units in their
+    names. `title` and `spot` are there for unusual views only.
+    """
     values = asdict(gantry)
     for key in ("title", "spot"):  # of unusual views alone
         if not values["view"][key]:

@@ -28,14 +28,38 @@ GLANDULAR_MATERIALS = ("gland",)
 
 
 def write_mammogram_tiff(mammogram: Mammogram, path: str | PathLike[str]) -> None:
-    """Write the for-processing pixels, 16 bits, with the detector's pixel pitch."""
+    """Write the For Processing pixels as TIFF.
+
+    Parameters
+    ----------
+    mammogram : Mammogram
+    path : path
+
+    Notes
+    -----
+    One page of 16-bit unsigned integers, [row, column] as on the detector, linear in exposure, not
+    compressed; the resolution tags hold the detector's pixel pitch, in pixels per cm.
+    """
     _write_tiff(path, mammogram.for_processing.astype(np.uint16), mammogram.gantry.pixel_mm)
 
 
 def write_lesion_tiff(
     masks: Sequence[LesionMask], mammogram: Mammogram, path: str | PathLike[str]
 ) -> None:
-    """Write the lesions as a label image whose pixel value is the target id."""
+    """Write where lesions are on the picture, as one label image.
+
+    Parameters
+    ----------
+    masks : sequence of LesionMask
+    mammogram : Mammogram
+        Gives the size and the pixel pitch.
+    path : path
+
+    Notes
+    -----
+    A pixel's value is the `target_id` of the lesion that its ray meets, 0 without one. Where
+    lesions overlap on the picture it is the smaller one's; the DICOM segmentation keeps both.
+    """
     image = label_image(masks, (mammogram.gantry.rows, mammogram.gantry.columns))
     _write_tiff(path, image, mammogram.gantry.pixel_mm, compression="zlib")
 
@@ -46,7 +70,23 @@ def write_stack_tiff(
     path: str | PathLike[str],
     compression: str | None = None,
 ) -> None:
-    """Write pictures of one size as the pages of one file, in their order."""
+    """Write pictures of one size as the pages of one file, in their order.
+
+    Parameters
+    ----------
+    pages : sequence of ndarray, each [row, column]
+        Of one shape and type.
+    pixel_mm : float
+        Pixel pitch, mm; the resolution tags hold it in pixels per cm.
+    path : path
+    compression : str, optional
+        As tifffile names it, for instance `zlib`; default: none.
+
+    Notes
+    -----
+    Files above the limit of TIFF's 32-bit offsets become BigTIFF. Nothing but pixels, pitch and the
+    name of the software is stored, so that the same pictures give the same bytes.
+    """
     per_cm = _MM_PER_CM / pixel_mm
     size = len(pages) * pages[0].nbytes
     with whole_file(path) as part, tifffile.TiffWriter(part, bigtiff=size > _LARGEST_TIFF) as file:
@@ -64,7 +104,18 @@ def write_stack_tiff(
 
 
 def write_glandular_tiff(paths: PathLengths, path: str | PathLike[str]) -> None:
-    """Write the thickness of glandular tissue along each ray, mm, 32-bit floats."""
+    """Write the thickness of glandular tissue along each ray.
+
+    Parameters
+    ----------
+    paths : PathLengths
+    path : path
+
+    Notes
+    -----
+    32-bit floats, mm, [row, column]: the sum of the path lengths in all materials that count as
+    gland, along the oblique ray from the focal spot, not along the direction of compression.
+    """
     glandular = [material in GLANDULAR_MATERIALS for material in paths.materials]
     thickness = paths.length_mm[np.array(glandular, dtype=bool)].sum(axis=0, dtype=np.float64)
     _write_tiff(path, thickness.astype(np.float32), paths.pixel_mm)
@@ -149,7 +200,18 @@ def write_preview(mammogram: Mammogram, path: str | PathLike[str]) -> None:
 
 
 def write_full_picture(mammogram: Mammogram, path: str | PathLike[str]) -> None:
-    """Write the picture for reading through its window as a 16-bit PNG, every pixel of it."""
+    """Write the For Presentation image through its window as 16-bit PNG, every pixel of it.
+
+    Parameters
+    ----------
+    mammogram : Mammogram
+    path : path
+
+    Notes
+    -----
+    Pixel values p become 65535 (p - (c - 0.5 - (w - 1)/2)) / (w - 1), clipped to 0 and 65535, with
+    window centre c and width w: DICOM's linear window (PS3.3 C.11.2.1.2.1).
+    """
     low = mammogram.window_center - 0.5 - 0.5 * (mammogram.window_width - 1.0)
     levels = np.arange(int(mammogram.for_presentation.max(initial=0)) + 1, dtype=np.float64)
     fraction = np.clip((levels - low) / (mammogram.window_width - 1.0), 0.0, 1.0)

@@ -46,7 +46,19 @@ def write_table(kind: type[Any], rows: Iterable[Any], path: str | PathLike[str])
 
 
 def write_convergence(history: NDArray[np.void], path: str | PathLike[str]) -> None:
-    """Write a solver's history, one row an iteration, with the columns of the array's fields."""
+    """Write a solver's history as CSV.
+
+    Parameters
+    ----------
+    history : structured ndarray, (n,)
+        One element per iteration.
+    path : path
+
+    Notes
+    -----
+    One row per iteration under a header of the array's field names; numbers have nine significant
+    digits.
+    """
     header = list(history.dtype.names or ())
     rows = ([_cell(value, ".9g") for value in row] for row in history.tolist())
     write_text(path, _csv(header, rows))
@@ -58,7 +70,19 @@ def write_compression(squeezed: CompressedBreast, path: str | PathLike[str]) -> 
 
 
 def compression_summary(squeezed: CompressedBreast) -> dict[str, Any]:
-    """What `compression.json` holds, as plain values."""
+    """What `compression.json` holds, as plain values.
+
+    Parameters
+    ----------
+    squeezed : CompressedBreast
+
+    Returns
+    -------
+    dict
+        View, model, whether it converged, heights of the plates' faces (compression frame, mm), the
+        nipple before compression (breast frame, mm), then the model's own measures, each with its
+        unit in its name, and the notes.
+    """
     return {
         "view": squeezed.view.label,
         "laterality": squeezed.view.laterality,

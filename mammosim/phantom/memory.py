@@ -30,7 +30,14 @@ MOST_REDUCED = 16
 
 
 def available_bytes() -> int | None:
-    """Memory that can be had now, or None where the system does not tell."""
+    """Memory that can be had now.
+
+    Returns
+    -------
+    int or None
+        Bytes; the least of what the system calls available, what the control group leaves and what
+        the limit of the process leaves. None where none of them is told.
+    """
     found = [_system_bytes(), _cgroup_bytes()]
     allowed = address_bytes()
     if allowed is not None:

@@ -20,7 +20,19 @@ AVOIDED = ("air", "skin", "nipple", "muscle")
 
 
 def tissue_at(breast: BreastPhantom, position_mm: ArrayLike) -> str | None:
-    """Tissue of the voxel that holds a point, or None outside the array."""
+    """Tissue of the voxel that holds a point.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    position_mm : array_like, (3,)
+        Breast frame, mm.
+
+    Returns
+    -------
+    str or None
+        Name in the table of tissues; None outside the array.
+    """
     index = np.rint(breast.frame.index(position_mm)).astype(int)
     if (index < 0).any() or (index >= breast.labels.shape).any():
         return None
@@ -28,7 +40,17 @@ def tissue_at(breast: BreastPhantom, position_mm: ArrayLike) -> str | None:
 
 
 def tissue_box_mm(breast: BreastPhantom) -> NDArray[np.float64]:
-    """(2, 3) outer faces of the box around all tissue, mm."""
+    """The box around all tissue.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+
+    Returns
+    -------
+    ndarray, (2, 3)
+        Lowest and highest outer faces of the voxels that are not air, breast frame, mm.
+    """
     low, high = np.full(3, np.iinfo(np.int64).max), np.full(3, -1)
     for layer, plane in enumerate(breast.labels):
         tissue = plane != 0

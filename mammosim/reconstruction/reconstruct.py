@@ -175,7 +175,27 @@ def reconstruction_gb(pixels: int, voxels: int, method: str) -> float:
 def reconstruction_seconds(
     projections: int, voxels: int, settings: ReconstructionSettings
 ) -> float:
-    """About how long a reconstruction takes on two cores, s."""
+    """About how long a reconstruction takes on two cores.
+
+    Parameters
+    ----------
+    projections : int
+    voxels : int
+        Of the volume that is reconstructed.
+    settings : ReconstructionSettings
+
+    Returns
+    -------
+    float
+        Seconds: a measured time of one voxel by one projection, times both numbers and, for `sart`,
+        the iterations.
+
+    Examples
+    --------
+    >>> from mammosim.reconstruction import ReconstructionSettings
+    >>> round(reconstruction_seconds(25, 50_000_000, ReconstructionSettings(method="sart")))
+    25
+    """
     passes = settings.iterations if settings.method == "sart" else 1
     return SECONDS_PER_UPDATE[settings.method] * projections * voxels * passes
 

@@ -68,7 +68,23 @@ def run_hash(
 
 
 def file_hash(path: str | PathLike[str]) -> str:
-    """SHA-256 of a file's content."""
+    """SHA-256 of a file's content.
+
+    Parameters
+    ----------
+    path : path
+        A regular file; read in blocks.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read, or is no regular file.
+    """
     digest = hashlib.sha256()
     with open_file(path) as stream:
         while block := stream.read(_BYTES_AT_ONCE):

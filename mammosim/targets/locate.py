@@ -209,7 +209,24 @@ def point_from_sights(sights: Sequence[Sight]) -> Located:
 
 
 def stereotactic(gantry: Gantry, tube_angle_deg: float) -> Gantry:
-    """The same gantry with its tube turned, the breast and the detector staying where they are."""
+    """The same gantry with its tube turned for a stereotactic view.
+
+    Parameters
+    ----------
+    gantry : Gantry
+    tube_angle_deg : float
+        As `Gantry.tube_angle_deg`: about the pivot, positive towards +y; between -60 and 60.
+
+    Returns
+    -------
+    Gantry
+        Breast and detector stay where they are.
+
+    Raises
+    ------
+    InputError
+        If the angle is not in that range.
+    """
     if not abs(tube_angle_deg) < 60.0:
         raise InputError(
             f"tube_angle_deg: found {tube_angle_deg:g}, expected degrees between -60 and 60"

@@ -47,12 +47,36 @@ class Origin:
 
 
 def target_origins(phantom: BreastPhantom) -> list[Origin]:
-    """Lesions, then landmarks, then the nipple, before compression."""
+    """Targets of a phantom before compression: lesions, then landmarks, then the nipple.
+
+    Parameters
+    ----------
+    phantom : BreastPhantom
+
+    Returns
+    -------
+    list of Origin
+        Centre and points of each in the breast frame, mm. Their order gives the numbers
+        (`target_id`) of all tables.
+    """
     return [*_lesions(phantom), *_points(phantom)]
 
 
 def mean_shift_mm(field: DisplacementField, origin: Origin) -> NDArray[np.float64]:
-    """(3,) mean displacement over a target's points, breast frame, mm."""
+    """Mean displacement over a target's points.
+
+    Parameters
+    ----------
+    field : DisplacementField
+    origin : Origin
+        Its points are spread over its volume; a landmark has one.
+
+    Returns
+    -------
+    ndarray, (3,)
+        Breast frame, mm: from where the target was to where compression brought it. For an extended
+        target that is deformed this is the shift of its centroid, not of each of its parts.
+    """
     shift: NDArray[np.float64] = field.displacement_at(origin.points_mm).mean(axis=0)
     return shift
 

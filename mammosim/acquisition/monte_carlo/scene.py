@@ -81,12 +81,47 @@ class Scene:
 
 
 def mixture_of(words: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Number of the mixture that each voxel holds."""
+    """Number of the mixture that each voxel holds.
+
+    Parameters
+    ----------
+    words : ndarray of uint32
+        Voxels as the transport kernels read them: the mixture's number in the low `MIXTURE_BITS`
+        bits, the density in the others.
+
+    Returns
+    -------
+    ndarray of uint32
+        Same shape.
+
+    Examples
+    --------
+    >>> word = np.array([(256 << MIXTURE_BITS) | 3], np.uint32)
+    >>> int(mixture_of(word)[0])
+    3
+    """
     return words & MIXTURE_MASK
 
 
 def density_of(words: NDArray[np.uint32]) -> NDArray[np.float64]:
-    """Density of each voxel over that of its mixture."""
+    """Density of each voxel over that of its mixture.
+
+    Parameters
+    ----------
+    words : ndarray of uint32
+        Voxels as the transport kernels read them; see `mixture_of`.
+
+    Returns
+    -------
+    ndarray of float64
+        Same shape; 1 where the voxel is full, in steps of 1 / `DENSITY_STEPS`.
+
+    Examples
+    --------
+    >>> half = np.array([round(DENSITY_STEPS / 2) << MIXTURE_BITS], np.uint32)
+    >>> float(density_of(half)[0])
+    0.5
+    """
     return (words >> MIXTURE_BITS) / DENSITY_STEPS
 
 

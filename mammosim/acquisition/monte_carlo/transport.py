@@ -86,7 +86,21 @@ class Tallies:
 
 
 def image_field(gantry: Gantry, cell: int, importance: NDArray[np.float64] | None = None) -> Field:
-    """The whole detector in cells of `cell` pixels, the last of a row or column cut off."""
+    """The whole detector in cells of several pixels, on which photons are counted.
+
+    Parameters
+    ----------
+    gantry : Gantry
+    cell : int
+        Pixels along a side of a cell; the last one of a row or column is cut off at the edge.
+    importance : ndarray, [row, column], optional
+        How much each cell's signal matters, for the choice of photons to follow; default: alike.
+
+    Returns
+    -------
+    Field
+        Edges of the cells in the detector frame, mm: rows along y, columns along x.
+    """
     rows = np.minimum(np.arange(0, gantry.rows + cell, cell), gantry.rows)
     columns = np.minimum(np.arange(0, gantry.columns + cell, cell), gantry.columns)
     y = gantry.detector_xy_mm(rows - 0.5, np.zeros(rows.size))[:, 1]
@@ -97,7 +111,25 @@ def image_field(gantry: Gantry, cell: int, importance: NDArray[np.float64] | Non
 
 
 def shadow_of(scene: Scene, gantry: Gantry, field: Field) -> NDArray[np.bool_]:
-    """[row, column] cells of the field whose central ray meets tissue."""
+    """Cells of a field whose central ray meets tissue.
+
+    Parameters
+    ----------
+    scene : Scene
+        Breast, paddle and support on their grid, gantry frame.
+    gantry : Gantry
+    field : Field
+        Cells on the detector.
+
+    Returns
+    -------
+    ndarray of bool, [row, column]
+
+    Notes
+    -----
+    The ray from the focal spot to a cell's centre is looked at in every fourth layer of the grid
+    only, so that tissue thinner than four voxels across the ray may be missed at the margin.
+    """
     x, y, z, words = scene.space
     shape = (x.size - 1, y.size - 1, z.size - 1)
     mixtures = mixture_of(words).reshape(shape)

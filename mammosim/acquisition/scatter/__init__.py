@@ -21,7 +21,18 @@ from mammosim.acquisition.scatter.scatter_case import DoseMap, Scatter, ScatterC
 
 
 def no_scatter(case: ScatterCase) -> Scatter:
-    """No scatter at all: the primary alone."""
+    """No scatter at all: the primary alone.
+
+    Parameters
+    ----------
+    case : ScatterCase
+        Primary signal and geometry of an exposure.
+
+    Returns
+    -------
+    Scatter
+        Zero in every cell, without a dose: that is then computed from Dance's factors.
+    """
     return Scatter(np.zeros_like(case.primary))
 
 

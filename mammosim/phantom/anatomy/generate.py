@@ -195,7 +195,20 @@ def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastP
 
 
 def expected_volume_ml(settings: GenerateSettings, seed: int, laterality: str = "L") -> float:
-    """Volume of the breast without muscle that a seed will give, mL, without making it."""
+    """Volume of the breast that a seed will give, without making it.
+
+    Parameters
+    ----------
+    settings : GenerateSettings
+    seed : int
+    laterality : {"L", "R"}
+        The two breasts of a seed belong to one woman, and differ a little.
+
+    Returns
+    -------
+    float
+        Without the pectoral muscle, mL.
+    """
     return _volume_ml(settings, _woman(seed)[0], _breast(seed, laterality)[0])
 
 

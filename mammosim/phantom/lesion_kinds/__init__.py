@@ -31,7 +31,19 @@ class OwnKeys(CalcificationKeys, MassKeys):
 
 
 def lesion_tissues() -> dict[str, str]:
-    """Tissues that only lesions are made of, and the kind of each: every piece is a lesion."""
+    """Tissues that only lesions are made of.
+
+    Returns
+    -------
+    dict
+        Kind of lesion by the tissue's name. Every piece of such a tissue in a phantom that is read
+        is a lesion of that kind.
+
+    Examples
+    --------
+    >>> lesion_tissues()["mass"]
+    'mass'
+    """
     return {kind.tissue: name for name, kind in LESION_KINDS.items() if kind.tissue == name}
 
 

@@ -90,7 +90,23 @@ def paint_ball(site: Site, ball: Ball) -> None:
 
 
 def nearest_voxel(offsets: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Mask of the voxel whose centre is nearest, from the positions (..., 3) of all."""
+    """Mask of the voxel whose centre is nearest to a point.
+
+    Parameters
+    ----------
+    offsets : ndarray, (..., 3)
+        Position of every voxel's centre from the point, mm.
+
+    Returns
+    -------
+    ndarray of bool, (...)
+        True once: at the first of those that are equally near.
+
+    Examples
+    --------
+    >>> nearest_voxel(np.array([[2.0, 0.0, 0.0], [0.0, -0.5, 0.0], [0.0, 0.5, 0.0]])).tolist()
+    [False, True, False]
+    """
     squared = (offsets**2).sum(axis=-1)
     mask = np.zeros(squared.shape, bool)
     mask[np.unravel_index(squared.argmin(), squared.shape)] = True

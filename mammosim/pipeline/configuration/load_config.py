@@ -95,7 +95,18 @@ def config_of(values: dict[str, Any], folder: Path, where: str) -> RunConfig:
 
 
 def is_cohort(values: Any) -> bool:
-    """Whether a file's plain values are a cohort's, not a run's configuration."""
+    """Whether a file's plain values are a cohort's, not a run's configuration.
+
+    Parameters
+    ----------
+    values : object
+        As read from YAML.
+
+    Examples
+    --------
+    >>> is_cohort({"cohort": {"patients": 20}}), is_cohort({"views": ["CC"]})
+    (True, False)
+    """
     return isinstance(values, dict) and not values.keys().isdisjoint(("cohort", "cohort_of"))
 
 
@@ -111,7 +122,28 @@ def _run_settings(values: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def apply_change(values: dict[str, Any], change: str) -> None:
-    """Put ``section.key=value`` in place of what plain values say; ``list.0.key`` is an item's."""
+    """Put one value in place of what plain values say, as `--set` does.
+
+    Parameters
+    ----------
+    values : dict
+        Plain values of a configuration; changed in place. Sections that are missing are made.
+    change : str
+        ``section.key=value``, the value in YAML; ``list.0.key`` is an item's.
+
+    Raises
+    ------
+    InputError
+        If it has not this form, or leads through something that has no keys.
+
+    Examples
+    --------
+    >>> values = {"phantom": {"lesions": [{"diameter_mm": 6}]}}
+    >>> apply_change(values, "phantom.lesions.0.diameter_mm=12")
+    >>> apply_change(values, "compression.thickness_mm=50")
+    >>> values
+    {'phantom': {'lesions': [{'diameter_mm': 12}]}, 'compression': {'thickness_mm': 50}}
+    """
     name, equals, text = change.partition("=")
     keys = name.strip().split(".")
     if not equals or not all(keys):

@@ -15,7 +15,20 @@ from mammosim.report import NOT_HASHED, file_hash
 
 
 def is_finished(path: Path, config: RunConfig) -> bool:
-    """Whether the folder holds the finished run of this very configuration, all files unharmed."""
+    """Whether a folder holds the finished run of this very configuration, all files unharmed.
+
+    Parameters
+    ----------
+    path : Path
+        A run's folder.
+    config : RunConfig
+
+    Returns
+    -------
+    bool
+        True if the record says so, its settings and the hash over settings and input files are the
+        same, and every file that it lists still has its content.
+    """
     record = read_record(path)
     if record.get("status") != "done" or record.get("settings") != config.plain():
         return False
