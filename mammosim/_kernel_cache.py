@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -48,12 +49,20 @@ _DAMAGED = (
 )  # fmt: skip
 """What reading a damaged file of the cache may raise."""
 
+BUSY = threading.Lock()
+"""Held while this process reads or writes a kernel's files; who ends the process takes it first."""
+
 _problems: list[str] = []
 
 
 def cache_problem() -> str:
     """Why compiled kernels could not be read from, or saved on, the disk; empty if all were."""
     return _problems[0] if _problems else ""
+
+
+def can_be_kept() -> bool:
+    """Whether kernels that are compiled here will be found at the next start."""
+    return not _problems and not numba.config.DISABLE_JIT and not _ReadOnlyPlace.in_use
 
 
 def kernel_cache(function: Any) -> FunctionCache | None:
@@ -70,8 +79,11 @@ def kernel_cache(function: Any) -> FunctionCache | None:
 class _ReadOnlyPlace(_CacheLocator):
     """Where kernels are read from when there is no place to keep any."""
 
+    in_use: ClassVar = False
+
     def __init__(self, folder: str, line: int) -> None:
         self._folder, self._line = folder, line
+        type(self).in_use = True
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> _ReadOnlyPlace | None:
@@ -144,7 +156,7 @@ class _CacheFile(IndexDataCacheFile):
     """The files of one kernel, read and written by one process at a time."""
 
     def load(self, key: Any) -> Any:
-        with _locked(self._cache_path):
+        with BUSY, _locked(self._cache_path):
             return super().load(key)
 
     def save(self, key: Any, data: Any) -> None:
@@ -153,7 +165,7 @@ class _CacheFile(IndexDataCacheFile):
         The other way round, a process that is ended in between leaves an index that names the code
         of an earlier version.
         """
-        with _locked(self._cache_path):
+        with BUSY, _locked(self._cache_path):
             names = self._load_index()
             if key not in names:
                 numbers = range(1, len(names) + 2)

@@ -22,6 +22,7 @@ pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is com
 def reasons(monkeypatch):
     """Why kernels were not saved, from here on."""
     found: list[str] = []
+    monkeypatch.setattr(_kernel_cache._ReadOnlyPlace, "in_use", False)
     monkeypatch.setattr(_kernel_cache, "_problems", found)
     return found
 
@@ -115,6 +116,7 @@ def test_kernels_of_an_image_are_read_where_nothing_can_be_written(reasons, monk
     """As in a container whose files are read-only, started by a user without a home."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     assert doubling()(3) == 6
+    assert _kernel_cache.can_be_kept()
     (kept,) = tmp_path.iterdir()
     monkeypatch.setattr(_kernel_cache, "_read_only_folders", lambda source: [str(kept)])
     monkeypatch.setattr(_kernel_cache._Places, "_locator_classes", [_kernel_cache._ReadOnlyPlace])
@@ -122,6 +124,7 @@ def test_kernels_of_an_image_are_read_where_nothing_can_be_written(reasons, monk
     assert again(3) == 6
     assert sum(again.stats.cache_hits.values()) == 1
     assert _kernel_cache.cache_problem() == ""
+    assert not _kernel_cache.can_be_kept(), "nothing to compile ahead for"
 
 
 def test_kernels_of_an_image_are_read_beside_ones_own(reasons, monkeypatch, tmp_path):

@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mammosim.cli.progress import event_lines, progress
+from mammosim.cli.rehearsing import rehearsing
 from mammosim.cli.signals import signals_interrupt
 from mammosim.cli.terminal import (
     app,
@@ -143,7 +144,8 @@ def run(
         refuse_own_configuration(folder, config)
         with signals_interrupt(), writing(folder):
             saved = RunFolder(folder, settings, title, reuse or ())
-            with event_lines(plan) if events else progress(plan, verbose) as tell:
+            shown = event_lines(plan) if events else progress(plan, verbose)
+            with shown as tell, rehearsing(settings, plan):
                 study = simulate(settings, saved, tell)
         _print_summary(study, folder)
         print_warnings(note for note in study.notes if note not in plan.warnings)
