@@ -115,7 +115,7 @@ def test_it_ends_with_the_process_that_started_it(settings, started, monkeypatch
     time.sleep(0.2)
     assert process.poll() is None
     process.stdin.close()
-    assert process.wait(30) == 0
+    assert process.wait(300) == 0
 
 
 def test_one_that_does_not_end_is_killed(settings, started, monkeypatch):

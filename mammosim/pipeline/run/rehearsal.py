@@ -18,7 +18,6 @@ import numpy as np
 from mammosim._jit import one_blas_thread, use_threads
 from mammosim._kernel_cache import BUSY
 from mammosim.acquisition import AcquisitionSettings
-from mammosim.acquisition.settings import ScatterSettings
 from mammosim.errors import MammosimError
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom import BreastPhantom, OpenEnd
@@ -87,8 +86,8 @@ def _coarse(view: ResolvedView) -> ResolvedView:
 def _few_photons(settings: AcquisitionSettings) -> AcquisitionSettings:
     if settings.scatter_model != "monte-carlo":
         return settings
-    scatter = ScatterSettings(model="monte-carlo", photons=FEWEST_PHOTONS)
-    return settings.model_copy(update={"scatter": scatter})
+    few = AcquisitionSettings.model_validate({"scatter": {"photons": FEWEST_PHOTONS}})
+    return settings.model_copy(update={"scatter": few.scatter})
 
 
 def _small_breast(laterality: str, generated: bool) -> BreastPhantom:
