@@ -240,7 +240,7 @@ class ToneCurve(NamedTuple):
 
 @kernel
 def _edge_part(place: float) -> float:
-    """Part of the missing attenuation that is added: 0 in air, 1 from the skin line inwards."""
+    """Part of its grey that a place is shown with: 0 in air, 1 from the skin line inwards."""
     ramp = min(max(place, 0.0), 1.0)
     return ramp * ramp * (3.0 - 2.0 * ramp)
 
@@ -275,8 +275,8 @@ def present_kernel(
 
     `missing`, `rise` and `base` are coarse and interpolated linearly. Detail is added to the base,
     weak detail times the gain, and raised where the curve is flat; the curve's toe shows the sum,
-    and on its shoulder detail keeps a part of its contrast. The sum is bent at white once more, so
-    that nothing is clipped.
+    and on its shoulder detail keeps a part of its contrast, weak detail most of it. The sum is bent
+    at white once more, so that nothing is clipped. Grey rises from black over the skin line.
     """
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
     rows, columns = attenuation.shape

@@ -3,28 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from mammosim.acquisition.blocks import block_mean, cell_pixels
-from mammosim.acquisition.discs import beyond_discs, distance_to
+from mammosim.acquisition.breast_outline import Margin, signed_depth
+from mammosim.acquisition.discs import distance_to
 
 F64 = NDArray[np.float64]
-
-AIR_LEVEL = 0.04
-"""Attenuation (ln) that separates tissue from air: half a millimetre of skin."""
-
-CONTOUR_SIGMA_MM = 1.5
-"""Depths are smoothed by this much, because the edge of the mask is a staircase."""
-
-OUTLINE_RADIUS_MM = 20.0
-"""What no disc of this radius reaches protrudes from the outline: a nipple in profile."""
-
-MIN_NIPPLE_MM = 1.0
-"""A nipple protrudes by at least this much."""
 
 BEYOND_MM = 2.0
 """Farther from the breast nothing is added: other objects in the field are not equalized."""
@@ -37,7 +25,7 @@ NIPPLE_REACH_MM = (0.0, 12.0)
 the second not at all; there the breast's own is greater anyway."""
 
 NIPPLE_CONTOUR_MM = 0.7
-"""As `CONTOUR_SIGMA_MM` for a nipple, which is smaller."""
+"""Depths in a nipple are smoothed by this much: less than elsewhere, as it is smaller."""
 
 NIPPLE_CLEAR_MM = 1.0
 """Up to this distance from what protrudes, thin places are left alone: the groove at its base."""
@@ -56,9 +44,9 @@ EDGE_MM = 0.5
 """Depth of the true edge: smoothing puts the mask's about a cell farther out."""
 
 EDGE_RISE_MM = 0.7
-"""Over this depth the equalization sets in. A scanner's follows the smoothed image and misses the
-outermost millimetre, so that the skin line rises from black over about that, as it does on
-clinical images (0.55 to 1.65 mm)."""
+"""Over this depth grey rises from black. A scanner's equalization follows the smoothed image and
+misses the outermost millimetre, so that the skin line rises over about that, as it does on clinical
+images (0.55 to 1.65 mm)."""
 
 PROFILE_SIGMA_MM = 1.5
 """The profile of fat is smoothed by this before it is compensated, as scanners' estimates of the
@@ -105,51 +93,6 @@ THIN_DEPTH_MM, THIN_SIGMA_MM, THIN_PART = 1.0, 1.5, 0.9
 what they lack is added."""
 
 
-@dataclass(frozen=True, eq=False)
-class Margin:
-    """Where the breast is, on a coarse grid.
-
-    Parameters
-    ----------
-    breast : ndarray of bool, [row, column]
-        With the nipple.
-    body : ndarray of bool, [row, column]
-        Without what protrudes from its rounded outline.
-    depth_mm : ndarray of float64, [row, column]
-        Distance to the edge of the body, negative outside. The image border is no edge.
-    cell_mm : float
-        Pitch of the grid.
-    """
-
-    breast: NDArray[np.bool_]
-    body: NDArray[np.bool_]
-    depth_mm: F64
-    cell_mm: float
-
-
-def find_margin(coarse: F64, cell_mm: float) -> Margin | None:
-    """Locate the breast in a coarse image.
-
-    Parameters
-    ----------
-    coarse : ndarray of float64, [row, column]
-        Attenuation (ln).
-    cell_mm : float
-        Pitch of the grid, mm.
-
-    Returns
-    -------
-    Margin or None
-        None if the image holds no breast.
-    """
-    breast = _breast_mask(coarse)
-    if not breast.any():
-        return None
-    body = _without_nipple(breast, cell_mm)
-    depth_mm = _signed_depth(body, CONTOUR_SIGMA_MM / cell_mm) * cell_mm
-    return Margin(breast, body, depth_mm, cell_mm)
-
-
 def missing_attenuation(
     coarse: F64, margin: Margin, fat: float | None = None
 ) -> tuple[F64, F64, float]:
@@ -168,7 +111,7 @@ def missing_attenuation(
     missing : ndarray of float64, [row, column]
         Attenuation (ln), 0 beyond the margin; in air, that of the nearest edge.
     rise : ndarray of float64, [row, column]
-        Place on the ramp of the skin line: of what is missing nothing is added at 0, all from 1.
+        Place on the ramp of the skin line: black at 0, full grey from 1.
     plateau : float
         Attenuation of fat at full thickness, ln.
 
@@ -179,7 +122,8 @@ def missing_attenuation(
     outermost ring to the edge it is continued as an ellipse, since a free surface between two
     plates is rounded. What a layer of skin on that surface adds is taken off, so that skin keeps
     the height above fat that its own attenuation gives it: most where it is seen along its
-    surface, then less and less over some millimetres. A nipple is equalized by itself. Nothing in
+    surface, then less and less over some millimetres. A nipple in profile is
+    soft tissue as thick as its own attenuation says. Nothing in
     a breast attenuates less than fat; what does in the sum is thinner than its surroundings, as
     between folds, and is brought up to it.
     """
@@ -224,44 +168,6 @@ def smooth_step(place: F64) -> F64:
     """0 up to 0, 1 from 1 on, smooth between."""
     ramp = np.clip(place, 0.0, 1.0)
     return ramp * ramp * (3.0 - 2.0 * ramp)
-
-
-def _breast_mask(coarse: F64) -> NDArray[np.bool_]:
-    """The largest connected region that is not air, without holes."""
-    smooth = ndimage.gaussian_filter(coarse, 1.0, mode="nearest")
-    labels, count = ndimage.label(smooth > AIR_LEVEL)
-    if count == 0:
-        return np.zeros(coarse.shape, bool)
-    largest = 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
-    filled: NDArray[np.bool_] = ndimage.binary_fill_holes(labels == largest)
-    return filled
-
-
-def _without_nipple(breast: NDArray[np.bool_], cell_mm: float) -> NDArray[np.bool_]:
-    """The breast without what protrudes from its rounded outline; the image border is none."""
-    wide = int(np.ceil(OUTLINE_RADIUS_MM / cell_mm)) + 1
-    padded = np.pad(breast, wide, mode="edge")
-    if padded.all():
-        return breast
-    beyond = beyond_discs(padded, wide)[wide:-wide, wide:-wide]
-    if np.isinf(beyond).all():  # a breast narrower than the disc
-        return breast
-    labels, count = ndimage.label(breast & (beyond > 0.0))
-    far = ndimage.maximum(beyond * cell_mm, labels, np.arange(1, count + 1))
-    nipples = 1 + np.flatnonzero(np.asarray(far) >= MIN_NIPPLE_MM)
-    body: NDArray[np.bool_] = breast & ~np.isin(labels, nipples)
-    return body
-
-
-def _signed_depth(region: NDArray[np.bool_], sigma_cells: float) -> F64:
-    """Distance to the edge of a region in cells, negative outside."""
-    if region.all():
-        return np.full(region.shape, float(sum(region.shape)))
-    inside = ndimage.distance_transform_edt(region)
-    outside = ndimage.distance_transform_edt(~region)
-    depth = np.where(region, inside - 0.5, 0.5 - outside)
-    smooth: F64 = ndimage.gaussian_filter(depth, sigma_cells, mode="nearest")
-    return smooth
 
 
 def _plateau(coarse: F64, margin: Margin, fat: float | None) -> float:
@@ -383,7 +289,7 @@ def _with_nipple(expected: F64, rise: F64, coarse: F64, margin: Margin) -> tuple
     own = _local_mean(coarse, nipple, NIPPLE_SIGMA_MM / cell_mm) / (1.0 + SKIN_ABOVE_FAT)
     near, far = NIPPLE_REACH_MM
     own *= smooth_step((far - distance_to(nipple) * cell_mm) / (far - near))
-    outline_mm = _signed_depth(margin.breast, NIPPLE_CONTOUR_MM / cell_mm) * cell_mm
+    outline_mm = signed_depth(margin.breast, NIPPLE_CONTOUR_MM / cell_mm) * cell_mm
     close = smooth_step(2.0 - distance_to(nipple) * cell_mm / NIPPLE_SIGMA_MM)
     own_rise = close * (outline_mm - EDGE_MM) / EDGE_RISE_MM
     return np.maximum(expected, own), np.maximum(rise, own_rise)

@@ -10,8 +10,9 @@ from scipy import ndimage
 
 from mammosim.acquisition._kernels import ToneCurve, present_kernel
 from mammosim.acquisition.blocks import block_mean, cell_pixels
+from mammosim.acquisition.breast_outline import Margin, find_margin
 from mammosim.acquisition.looks import LOOKS, SHARP_LIMIT, SHARP_MM, Look
-from mammosim.acquisition.margin import Margin, find_margin, missing_attenuation, raised_edge
+from mammosim.acquisition.margin import missing_attenuation, raised_edge
 from mammosim.acquisition.muscle import muscle_of
 
 CELL_MM = 0.5
@@ -106,6 +107,7 @@ def present(
     -----
     1. Peripheral equalization (`missing_attenuation`): what margin, nipple and thin places lack
        against fat at full thickness is added. It is smooth, so details keep their contrast.
+       Skin and nipple are raised towards the level of gland (`raised_edge`).
     2. The sum is split into a base, smoothed over a window of 5 mm by the guided filter of He et
        al. (2013, IEEE Trans Pattern Anal Mach Intell 35:1397), which keeps strong edges, and
        detail.
