@@ -29,7 +29,7 @@ def sources():
         ("Dance, Young and van Engen (2011)", ["dance2011"]),
         ("of Dance and colleagues (1990, 2000) hold", ["dance1990", "dance2000"]),
         ("Rodriguez-Ruiz et al. 2016", ["rodriguezruiz2016"]),
-        ("Hintermüller, Ito & Kunisch 2003", ["hintermuller2003"]),
+        ("Hintermüller, Ito & Kunisch 2002", ["hintermuller2002"]),
         ("2400 x 1800 pixels, version 2024.8", []),
     ],
 )

@@ -2,7 +2,7 @@
 
 The equation along z contains neither x nor y; with z known, those along x and y are linear. The
 plates' faces are an obstacle along z, their ends and the chest wall one along x; which nodes they
-hold is found by the primal-dual active set method (Hintermüller, Ito & Kunisch 2003, SIAM J.
+hold is found by the primal-dual active set method (Hintermüller, Ito & Kunisch 2002, SIAM J.
 Optim. 13:865), monotone here because the operator is an M-matrix. Each axis has one solution. A
 lattice of half the resolution, solved first, gives the start.
 """
