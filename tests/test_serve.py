@@ -5,10 +5,13 @@ from __future__ import annotations
 import asyncio
 import builtins
 import copy
+import dataclasses
 import io
 import json
+import shutil
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -19,21 +22,30 @@ from PIL import Image
 from mammosim.cli.runs import _run_words
 from mammosim.config import read_yaml
 from mammosim.errors import InputError
+from mammosim.export import read_lesions
 from mammosim.pipeline import RunConfig, config_of
+from mammosim.report import hang_saved, marks_svg, planes_page
 from mammosim.serve.form import by_field, checked, form_fields, texts_of, values_of
 from mammosim.serve.gate import Gate
 from mammosim.serve.jobs import Job, Jobs
 from mammosim.serve.results import (
-    facts_of,
     files_of,
-    lesion_rows,
-    marks_of,
-    marks_svg,
+    histories_of,
+    images_of,
     picture_jpeg,
+    planes_of,
     runs_in,
-    shown_size,
     status_of,
+    targets_in,
     views_of,
+    zip_of,
+)
+from mammosim.serve.tables import (
+    compared_lesions,
+    compared_settings,
+    compared_views,
+    lesions_table,
+    views_table,
 )
 
 EXAMPLES = Path(__file__).parents[1] / "configs"
@@ -118,9 +130,11 @@ def test_a_finished_run_is_found_with_its_tables_and_files(finished):
     assert runs_in(finished.parent) == [finished]
     assert status_of(finished) == "done"
     assert views_of(finished) == ["LCC"]
-    assert [row["name"] for row in lesion_rows(finished)] == ["ball", "mark", "nipple"]
-    (facts,) = facts_of(finished)
-    assert (facts["view"], facts["thickness_mm"]) == ("LCC", 36.0)
+    assert [target.name for target in targets_in(finished)] == ["ball", "mark", "nipple"]
+    assert '<td class="n">36</td>' in views_table(finished)
+    assert lesions_table(finished).count('<th scope="row">') == 3
+    history = histories_of(finished)["LCC"]
+    assert 0 < history[-1]["error_estimate_voxel"] < history[0]["error_estimate_voxel"]
     files = files_of(finished)
     assert {"report.html", "LCC/for_presentation.dcm", "lesions.csv"} <= set(files)
     assert not [name for name in files if name.startswith(".")]
@@ -134,7 +148,7 @@ def test_a_picture_is_shown_through_a_window(finished):
     with Image.open(finished / "LCC" / "for_presentation.png") as opened:
         stored = np.asarray(opened, float) / 65535.0
     whole = grey(0.5, 1.0)
-    assert whole.shape == shown_size(finished, "LCC")[::-1] == stored.shape
+    assert whole.shape == stored.shape
     # JPEG of quality 88.
     assert np.abs(whole - 255.0 * stored).mean() < 3.0
     narrow = grey(0.5, 0.1)
@@ -142,14 +156,66 @@ def test_a_picture_is_shown_through_a_window(finished):
     assert (narrow[stored < 0.4] < 15).mean() > 0.9
 
 
-def test_lesions_are_marked_where_the_table_has_them(finished):
-    row = lesion_rows(finished)[0]
-    mark = marks_of(finished, "LCC")[0]
-    columns, rows = shown_size(finished, "LCC")
-    assert mark.name == "ball"
-    assert mark.x * columns == pytest.approx(float(row["image_col_px"]) + 0.5)
-    assert mark.y * rows == pytest.approx(float(row["image_row_px"]) + 0.5)
-    assert "&lt;" in marks_svg([mark.__class__("<b>", 0.5, 0.5)], 100, 100)
+def test_lesions_are_marked_where_they_are_and_where_they_came_from(finished):
+    image = images_of(finished)["LCC"]
+    target = image.targets[0]
+    (picture,) = hang_saved([image])
+    mark = picture.marks[0][0]
+    assert (mark.x, mark.y) == (target.image_col_px + 0.5, target.image_row_px + 0.5)
+    before = [target.gantry_x_mm, target.gantry_y_mm, target.gantry_z_mm]
+    row, column = image.gantry.project(np.array(before))
+    # The table has four decimals of a millimetre.
+    assert (mark.from_x - 0.5, mark.from_y - 0.5) == pytest.approx((column, row), abs=1e-2)
+    odd = dataclasses.replace(image, targets=[dataclasses.replace(target, name="<b>")])
+    assert "1: &lt;b&gt;</title>" in marks_svg(hang_saved([odd])[0])
+
+
+def test_the_slider_is_that_of_the_report(finished):
+    page = planes_of(finished)
+    data = json.loads(page.partition('id="shift-data">')[2].partition("</script>")[0])
+    assert list(data["views"]) == ["LCC"]
+    assert data["views"]["LCC"]["solid"] is None
+    planes = data["views"]["LCC"]["planes"]
+    assert [len(plane["frames"]) for plane in planes] == [data["last"] + 1] * 3
+    assert "<option>LCC</option>" in page
+    assert planes_page("<html>no slider</html>") == ""
+
+
+def test_all_files_come_as_one_archive(finished):
+    whole = b"".join(zip_of(finished))
+    with zipfile.ZipFile(io.BytesIO(whole)) as archive:
+        assert archive.testzip() is None
+        assert archive.namelist() == [f"small/{name}" for name in files_of(finished)]
+        table = archive.read("small/lesions.csv")
+    assert table == (finished / "lesions.csv").read_bytes()
+
+
+def test_runs_are_compared_by_what_differs(finished, tmp_path):
+    other = tmp_path / "<other>"
+    shutil.copytree(finished, other)
+    record = json.loads((other / "run.json").read_text())
+    assert compared_settings([finished, other]) == ""
+    record["settings"]["compression"]["thickness_mm"] = 30.0
+    record["settings"]["views"] = [{"view": "CC", "plate_edge_mm": 5}]
+    record["views"]["LCC"]["force_n"] = 12345.0
+    (other / "run.json").write_text(json.dumps(record))
+    settings = compared_settings([finished, other])
+    assert '<th scope="col">&lt;other&gt;</th>' in settings
+    assert "(compression.thickness_mm)</th><td>36" in settings
+    assert "(views.0.plate_edge_mm)</th><td>not set</td><td>5</td>" in settings
+    assert "acquisition." not in settings
+    assert "12345" in compared_views([finished, other])["LCC"]
+    assert compared_lesions([finished, other]).count("ball, LCC: shift") == 1
+
+
+def test_what_is_no_table_of_lesions_is_said(tmp_path):
+    path = tmp_path / "lesions.csv"
+    for text in ("target_id,name\nx,mass\n", "colour\nred\n", "target_id\n1\n"):
+        path.write_text(text)
+        with pytest.raises(InputError, match="expected a table with the columns of lesions"):
+            read_lesions(path)
+    with pytest.raises(InputError, match="no such file"):
+        read_lesions(tmp_path / "none.csv")
 
 
 def test_runs_wait_for_each_other_and_one_that_waits_can_be_cancelled(tmp_path, monkeypatch):

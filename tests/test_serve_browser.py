@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -12,18 +12,25 @@ import sys
 import time
 import urllib.error
 import urllib.request
+import zipfile
+from itertools import product
 
 import pytest
+from browser import (
+    NEEDS_BROWSER,
+    SIZES,
+    appear,
+    asked_for,
+    axe_findings,
+    complaints,
+    start_browser,
+    too_wide,
+)
 from make_run import SMALL, save_breast
 
 from mammosim.config import write_yaml
 
-CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-
-pytestmark = [
-    pytest.mark.service,
-    pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="no Chromium with its chromedriver"),
-]
+pytestmark = NEEDS_BROWSER
 
 WAIT_S = 240.0
 """For a small run, which may have to compile, on a machine that does other things."""
@@ -62,29 +69,15 @@ def page(tmp_path_factory):
 
 @pytest.fixture
 def browser(page):
-    selenium = pytest.importorskip("selenium.webdriver", reason="pip install selenium")
-    from selenium.webdriver.chrome.service import Service
-
-    options = selenium.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for option in ("--headless=new", "--no-sandbox", "--window-size=1500,1000",
-                   "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"):  # fmt: skip
-        options.add_argument(option)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = selenium.Chrome(options=options, service=Service(DRIVER))
+    driver = start_browser()
     driver.get(page[0])
     yield driver
-    asked = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
-    addresses = [
-        message["params"]["request"]["url"]
-        for message in asked
-        if message["method"] == "Network.requestWillBeSent"
-    ]
-    severe = [entry for entry in driver.get_log("browser") if entry["level"] == "SEVERE"]
+    addresses, said = asked_for(driver), complaints(driver)
     driver.quit()
     assert addresses
-    assert [url for url in addresses if not url.startswith(("http://127.0.0.1:", "data:"))] == []
-    assert severe == []
+    here = ("http://127.0.0.1:", "data:", "blob:http://127.0.0.1:")
+    assert [url for url in addresses if not url.startswith(here)] == []
+    assert said == []
 
 
 def is_open(port: int) -> bool:
@@ -121,6 +114,23 @@ def statuses(browser) -> list[str]:
     return [text.rpartition(": ")[2] for text in texts if text.startswith("quickstart-")]
 
 
+def picture_addresses(browser) -> list[str]:
+    """Windows of the pictures that are shown."""
+    images = browser.find_elements("css selector", ".enlarged image")
+    return [image.get_attribute("href").partition("?")[2] for image in images]
+
+
+def has_other_window(browser, before: set[str]) -> bool:
+    """Whether all pictures have one other window after a step of the level's slider."""
+    browser.execute_script(
+        "document.querySelector('[aria-label=Level] [tabindex]').focus()"
+    )  # fmt: skip
+    browser.switch_to.active_element.send_keys("\ue014")  # arrow to the right
+    time.sleep(0.5)
+    now = set(picture_addresses(browser))
+    return len(now) == 1 and now != before
+
+
 def write_into(entry, text: str) -> None:
     entry.send_keys("\ue009a\ue000")  # Ctrl-A
     entry.send_keys(text)
@@ -135,14 +145,26 @@ def test_a_run_leads_from_the_form_to_its_picture(browser):
     button(browser, "Run").click()
     until(lambda: statuses(browser)[:1] == ["done"], "the end of the run")
     loaded = (
-        "return [...document.images].some((i) => i.src.includes('/picture/') && i.naturalWidth)"
+        "return performance.getEntriesByType('resource')"
+        ".some((one) => one.name.includes('/picture/') && one.decodedBodySize > 1000)"
     )
     until(lambda: browser.execute_script(loaded), "the picture")
     text = browser.find_element("tag name", "body").text
     assert "how far it moved" in text
     assert "ball" in text
-    circles = "return document.querySelectorAll('svg circle').length"
-    assert browser.execute_script(circles) >= 2  # lesion and nipple
+    marks = "return [...document.querySelectorAll('.mark title')].map((t) => t.textContent)"
+    assert browser.execute_script(marks) == ["1: ball", "N: nipple"]
+    assert picture_addresses(browser) == ["level=0.5&width=1"]
+    until(lambda: has_other_window(browser, {"level=0.5&width=1"}), "another window")
+    frame = browser.find_element("css selector", "iframe.planes-frame")
+    browser.switch_to.frame(frame)
+    image = lambda: browser.find_element("css selector", ".plane image").get_attribute("href")  # noqa: E731
+    until(lambda: browser.find_elements("css selector", ".plane image"), "the planes")
+    before = image()
+    browser.find_element("id", "shift-slider").send_keys("\ue010")  # End
+    until(lambda: image() != before, "the compressed breast")
+    assert browser.find_element("id", "shift-said").text == "compressed"
+    browser.switch_to.default_content()
 
 
 def test_a_wrong_value_is_refused_at_its_field(browser, page):
@@ -172,3 +194,83 @@ def test_two_runs_a_reload_and_a_cancel(browser, page):
     until(lambda: statuses(browser)[:2] == ["done", "interrupted"], "cancel, and the second run")
     records = [json.loads(path.read_text())["status"] for path in page[1].glob("*/run.json")]
     assert "done" in records
+
+
+def test_a_configuration_is_opened_and_its_mistakes_are_marked(browser, tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("acquisition: {kvp: 28}\nexport: {dicom: perhaps}\n")
+    browser.find_element("css selector", "input[type=file]").send_keys(str(path))
+    until(lambda: field(browser, "acquisition.kvp").get_attribute("value") == "28", "the file")
+    button(browser, "Check").click()
+    alarm = "[role=alert]"
+    until(lambda: "export.dicom" in browser.find_element("css selector", alarm).text, "the alarm")
+    # The closed section of the mistake has opened, and its field has the cursor.
+    focused = "return document.activeElement.getAttribute('aria-label')"
+    until(lambda: "(" in (browser.execute_script(focused) or ""), "the cursor in the field")
+    assert axe_findings(browser) == []
+
+
+def test_runs_are_compared_side_by_side(browser, page):
+    """Two runs: pictures under one window, what differs; also on a phone and in the dark."""
+    for thickness in ("30", "40"):
+        write_into(field(browser, "compression.thickness_mm"), thickness)
+        write_into(field(browser, "compression.resolution_mm"), "3")
+        button(browser, "Run").click()
+        done = statuses(browser).count("done")
+        until(lambda done=done: statuses(browser).count("done") > done, "the end of the run")
+    for box in browser.find_elements("css selector", ".list .q-checkbox")[:2]:
+        box.click()
+    until(lambda: button(browser, "Compare").is_enabled(), "the button")
+    button(browser, "Compare").click()
+    until(lambda: "2 runs side by side" in browser.page_source, "both runs")
+    text = browser.find_element("tag name", "body").text
+    assert "(compression.thickness_mm)" in text
+    assert "ball, LCC: shift" in text
+    until(lambda: has_other_window(browser, {"level=0.5&width=1"}), "one window for both")
+    assert len(picture_addresses(browser)) == 2
+    for size, scheme in product(SIZES, ("light", "dark")):
+        appear(browser, size, scheme)
+        assert axe_findings(browser) == [], (size, scheme)
+        assert too_wide(browser) <= 0
+
+
+def test_every_state_is_accessible(browser, page):
+    """The form alone, a run in progress, and a finished one."""
+    for size, scheme in product(SIZES, ("light", "dark")):
+        appear(browser, size, scheme)
+        assert axe_findings(browser) == [], (size, scheme)
+        assert too_wide(browser) <= 0
+    appear(browser)
+    write_into(field(browser, "compression.resolution_mm"), "0.6")
+    button(browser, "Run").click()
+    until(lambda: statuses(browser)[:1] == ["running"], "the run")
+    assert axe_findings(browser) == []
+    button(browser, "Cancel").click()
+    until(lambda: statuses(browser)[:1] == ["interrupted"], "its end")
+    finished = browser.find_elements("xpath", "//button[contains(., ': done')]")[0]
+    finished.click()
+    until(lambda: browser.find_elements("css selector", "iframe.planes-frame"), "a finished run")
+    for size, scheme in product(SIZES, ("light", "dark")):
+        appear(browser, size, scheme)
+        assert axe_findings(browser) == [], (size, scheme)
+        assert too_wide(browser) <= 0
+
+
+def test_files_come_one_by_one_and_as_one_archive(browser, page):
+    run = next(path.parent for path in sorted(page[1].glob("*/lesions.csv")))
+    base = page[0].partition("/?")[0]
+    token = page[0].partition("token=")[2]
+
+    def fetch(path: str) -> bytes:
+        request = urllib.request.Request(f"{base}/{path}", headers={"Cookie": f"mammosim={token}"})
+        with urllib.request.urlopen(request) as answer:
+            return answer.read()
+
+    table = (run / "lesions.csv").read_bytes()
+    assert fetch(f"file/{run.name}/lesions.csv") == table
+    with zipfile.ZipFile(io.BytesIO(fetch(f"zip/{run.name}"))) as archive:
+        assert archive.read(f"{run.name}/lesions.csv") == table
+        assert archive.testzip() is None
+    for beyond in ("file/../run.yaml", f"file/{run.name}/.stages/x", "zip/none", "planes/none"):
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            fetch(beyond)

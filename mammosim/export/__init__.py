@@ -35,6 +35,7 @@ from mammosim.export.slice_masks import SliceMask, slice_masks
 from mammosim.export.tables import (
     compression_summary,
     csv_text,
+    read_lesions,
     text_of_csv,
     write_compression,
     write_convergence,
@@ -75,6 +76,7 @@ __all__ = [
     "read_compressed_labels",
     "read_displacement",
     "read_geometry",
+    "read_lesions",
     "reconstruction_geometry",
     "save_mammogram",
     "series_geometry",

@@ -5,15 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import astuple, fields
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.compression import CompressedBreast
+from mammosim.config import read_text
+from mammosim.errors import InputError
 from mammosim.export.atomic import write_json, write_text
 from mammosim.targets import Target
 
@@ -27,6 +30,29 @@ def write_lesions(targets: Sequence[Target], path: str | PathLike[str]) -> None:
     Lengths have four decimals; what is not known is empty.
     """
     write_table(Target, targets, path)
+
+
+def read_lesions(path: str | PathLike[str]) -> list[Target]:
+    """Read what `write_lesions` wrote; an empty number is NaN.
+
+    Raises
+    ------
+    InputError
+        If the file is not there, or is not such a table.
+    """
+    path = Path(path)
+    try:
+        rows = csv.DictReader(io.StringIO(read_text(path)), strict=True)
+        return [
+            Target(**{name: _FROM_CELL[_TARGET_TYPES[name]](cell) for name, cell in row.items()})
+            for row in rows
+        ]
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError, TypeError, KeyError, csv.Error) as error:
+        raise InputError(
+            f"{path}: expected a table with the columns of lesions.csv ({error})"
+        ) from None
 
 
 def write_table(kind: type[Any], rows: Iterable[Any], path: str | PathLike[str]) -> None:
@@ -142,3 +168,12 @@ def text_of_csv(cell: str) -> str:
     ('=1+1', "'quoted'")
     """
     return cell[1:] if cell[:1] == "'" and cell[1:].startswith(FORMULA_STARTS) else cell
+
+
+_TARGET_TYPES = {field.name: str(field.type) for field in fields(Target)}
+_FROM_CELL: dict[str, Callable[[str], Any]] = {
+    "int": int,
+    "float": lambda cell: float(cell) if cell else math.nan,
+    "bool": lambda cell: cell == "true",
+    "str": text_of_csv,
+}

@@ -5,13 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mammosim.acquisition import Mammogram
+from mammosim.geometry import Gantry
 from mammosim.report.markers import Marker
 
 _MARGIN_MM = 15.0  # air around the skin line, and room for the view's name
+
+
+class Shown(Protocol):
+    """A For Presentation image and its geometry: a mammogram, or one read back from a run."""
+
+    @property
+    def gantry(self) -> Gantry:
+        """Of the view."""
+
+    @property
+    def for_presentation(self) -> NDArray[Any]:
+        """[row, column] grey levels; air is 0."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +46,12 @@ class Crop:
     columns: int
 
 
-def common_crops(mammograms: Sequence[Mammogram], marks: Sequence[Sequence[Marker]]) -> list[Crop]:
+def common_crops(mammograms: Sequence[Shown], marks: Sequence[Sequence[Marker]]) -> list[Crop]:
     """Crop all views of one magnification to one size in mm, so that they hang at one scale.
 
     Parameters
     ----------
-    mammograms : sequence of Mammogram
+    mammograms : sequence of Mammogram, or of images read back
     marks : sequence of sequence of Marker
         Marks of each, which stay inside.
 
@@ -59,7 +73,7 @@ def common_crops(mammograms: Sequence[Mammogram], marks: Sequence[Sequence[Marke
     return crops
 
 
-def _breast_mm(mammogram: Mammogram, marks: Sequence[Marker]) -> tuple[float, float, float]:
+def _breast_mm(mammogram: Shown, marks: Sequence[Marker]) -> tuple[float, float, float]:
     """First and last row of the breast, and its reach from the chest-wall edge, mm."""
     shown = mammogram.for_presentation > 0  # air is 0
     columns = shown.shape[1]
@@ -73,7 +87,7 @@ def _breast_mm(mammogram: Mammogram, marks: Sequence[Marker]) -> tuple[float, fl
     return min(rows_px) * pitch, (max(rows_px) + 1) * pitch, depth_px * pitch
 
 
-def _crop(mammogram: Mammogram, middle_mm: float, height_mm: float, depth_mm: float) -> Crop:
+def _crop(mammogram: Shown, middle_mm: float, height_mm: float, depth_mm: float) -> Crop:
     all_rows, all_columns = mammogram.for_presentation.shape
     pitch = mammogram.gantry.pixel_mm
     rows = min(all_rows, math.ceil(height_mm / pitch))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
-from mammosim.geometry import View
+from mammosim.geometry import Gantry, View
 from mammosim.reconstruction import Reconstruction
 from mammosim.report.crop import Crop, common_crops
 from mammosim.report.figures import picture_data_uri
@@ -146,7 +146,6 @@ def _picture(
 def _exposed(
     mammogram: Mammogram, here: Sequence[Target], crop: Crop, settings: ReportSettings
 ) -> Picture:
-    name = mammogram.gantry.view.folder
     technique = [
         f"{mammogram.thickness_mm:.1f} mm",
         f"{mammogram.kvp:g} kV {mammogram.target}/{mammogram.filter}",
@@ -156,17 +155,23 @@ def _exposed(
     if "projections" in mammogram.measures:
         count = mammogram.measures["projections"]
         technique[2] += f", the middle one of {count:.0f} projections"
+    uri = picture_data_uri(mammogram, crop, settings.picture_rows)
+    return framed(mammogram.gantry, here, crop, " · ".join(technique), uri)
+
+
+def framed(gantry: Gantry, here: Sequence[Target], crop: Crop, technique: str, uri: str) -> Picture:
+    """A picture with its marks and their labels, and the scale bar."""
+    name = gantry.view.folder
     shown = [target.name for target in here if target.in_field and target.is_lesion]
     lesions = ", ".join(shown) or "no lesion"
-    gantry = mammogram.gantry
     bar_px = _BAR_MM * gantry.magnification / gantry.pixel_mm
     marks = markers(here, gantry)
     return Picture(
         name=name,
         side=name[0],
-        technique=" · ".join(technique),
+        technique=technique,
         alt=f"Simulated mammogram {name}, showing {lesions}.",
-        uri=picture_data_uri(mammogram, crop, settings.picture_rows),
+        uri=uri,
         crop=crop,
         marks=list(zip(marks, _labels(marks, crop, name[0], bar_px), strict=True)),
         outside=[target for target in here if not target.in_field],

@@ -14,11 +14,11 @@ from mammosim.report.quantities import number
 def template(name: str) -> Template:
     """One of the templates: values are escaped, and a missing one is an error."""
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-                              lstrip_blocks=True, loader=FunctionLoader(_part))  # fmt: skip
+                              lstrip_blocks=True, loader=FunctionLoader(part))  # fmt: skip
     environment.filters["number"] = number
     return environment.get_template(name)
 
 
-def _part(name: str) -> str:
+def part(name: str) -> str:
     """One of the files in this package."""
     return files(__package__).joinpath(name).read_text(encoding="utf-8")

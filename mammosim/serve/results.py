@@ -4,31 +4,28 @@ from __future__ import annotations
 
 import csv
 import io
+import zipfile
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import lru_cache
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
+from mammosim.config import read_text
+from mammosim.export import read_geometry, read_lesions
 from mammosim.pipeline import STAGES_FOLDER, read_record
+from mammosim.report import SavedImage, number, planes_page, targets_of
+from mammosim.targets import Target
 
-MAX_ROWS = 1600
+MAX_ROWS = 3000
 """Largest height of a picture on the page; the files hold every pixel."""
 
 _PICTURE = "for_presentation.png"
-
-
-@dataclass(frozen=True)
-class Mark:
-    """A target on a picture, in fractions of its width and height, and its name."""
-
-    name: str
-    x: float
-    y: float
+_BLOCK_BYTES = 1 << 20
 
 
 def runs_in(folder: Path) -> list[Path]:
@@ -37,21 +34,66 @@ def runs_in(folder: Path) -> list[Path]:
     return sorted(found, key=lambda run: (run / "run.json").stat().st_mtime, reverse=True)
 
 
-def status_of(run: Path) -> str:
-    """How a run ended, as its record says; read again only once the record has changed."""
+def record_of(run: Path) -> dict[str, Any]:
+    """The run's record; read again only once it has changed; empty where there is none."""
     with suppress(OSError):
-        return _status_at(run, (run / "run.json").stat().st_mtime_ns)
-    return "unknown"
+        return _record_at(run, (run / "run.json").stat().st_mtime_ns)
+    return {}
 
 
-@lru_cache(maxsize=1024)
-def _status_at(run: Path, written_ns: int) -> str:
-    return str(read_record(run).get("status", "unknown"))
+@lru_cache(maxsize=256)
+def _record_at(run: Path, written_ns: int) -> dict[str, Any]:
+    return read_record(run)
+
+
+def status_of(run: Path) -> str:
+    """How a run ended, as its record says."""
+    return str(record_of(run).get("status", "unknown"))
 
 
 def views_of(run: Path) -> list[str]:
     """Views that have a picture."""
     return sorted(path.parent.name for path in run.glob(f"*/{_PICTURE}"))
+
+
+def images_of(run: Path) -> dict[str, SavedImage]:
+    """The pictures with their targets and geometry, by view.
+
+    Raises
+    ------
+    InputError
+        If the table of lesions or a view's geometry cannot be read.
+    """
+    targets = targets_in(run)
+    facts = record_of(run).get("views", {})
+    found = {}
+    for view in views_of(run):
+        gantry = read_geometry(run / view / "geometry.json")
+        found[view] = SavedImage(
+            gantry, _pixels(run, view), targets_of(gantry.view, targets),
+            _technique(facts.get(view, {})), f"/picture/{run.name}/{view}",
+        )  # fmt: skip
+    return found
+
+
+def _technique(facts: dict[str, Any]) -> str:
+    units = (("thickness_mm", "mm"), ("force_n", "N"), ("dose_mgy", "mGy"))
+    return " · ".join(
+        f"{number(facts[key], 2 if key == 'dose_mgy' else 1)} {unit}"
+        for key, unit in units
+        if facts.get(key) is not None
+    )
+
+
+def _pixels(run: Path, view: str) -> NDArray[np.uint16]:
+    path = run / view / _PICTURE
+    return _pixels_at(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=8)
+def _pixels_at(path: Path, written_ns: int) -> NDArray[np.uint16]:
+    with Image.open(path) as opened:
+        return np.asarray(opened).astype(np.uint16)
 
 
 def picture_jpeg(run: Path, view: str, level: float, width: float) -> bytes:
@@ -64,78 +106,44 @@ def picture_jpeg(run: Path, view: str, level: float, width: float) -> bytes:
     level, width : float
         Centre and width of the window, as fractions of the image's own window.
     """
-    with Image.open(run / view / _PICTURE) as opened:
-        factor = _reduction(opened.height)
-        grey = np.asarray(opened)[::factor, ::factor] / 65535.0
+    stored = _pixels(run, view)
+    factor = max(1, -(-len(stored) // MAX_ROWS))  # every how many pixels one is shown
+    grey = np.arange(65536) / 65535.0
     shown = np.clip((grey - level) / max(width, 0.01) + 0.5, 0.0, 1.0)
+    window = np.rint(255.0 * shown).astype(np.uint8)
     stream = io.BytesIO()
-    Image.fromarray(np.rint(255.0 * shown).astype(np.uint8)).save(stream, "JPEG", quality=88)
+    Image.fromarray(window[stored[::factor, ::factor]]).save(stream, "JPEG", quality=88)
     return stream.getvalue()
 
 
-def lesion_rows(run: Path) -> list[dict[str, str]]:
+def targets_in(run: Path) -> list[Target]:
     """Rows of `lesions.csv`; none where the run has no such table."""
     path = run / "lesions.csv"
-    if not path.is_file():
-        return []
-    with path.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
+    return read_lesions(path) if path.is_file() else []
 
 
-def marks_of(run: Path, view: str) -> list[Mark]:
-    """Targets that lie in a view's picture."""
-    columns, rows = _size(run, view)
-    return [
-        Mark(row["name"], (float(row["image_col_px"]) + 0.5) / columns,
-             (float(row["image_row_px"]) + 0.5) / rows)
-        for row in lesion_rows(run)
-        if row["laterality"] + row["view"] == view and row["in_field"] == "true"
-    ]  # fmt: skip
+def histories_of(run: Path) -> dict[str, list[dict[str, Any]]]:
+    """Rows of each view's `convergence.csv`, by view, with the numbers that are known."""
+    found = {}
+    for path in sorted(run.glob("*/convergence.csv")):
+        rows = csv.DictReader(io.StringIO(read_text(path)))
+        found[path.parent.name] = [
+            {key: value for key, cell in row.items() if (value := _known(cell)) is not None}
+            for row in rows
+        ]
+    return found
 
 
-def marks_svg(marks: list[Mark], columns: int, rows: int) -> str:
-    """Circles and names over a picture of that size."""
-    size = rows / 40.0
-    parts = []
-    for mark in marks:
-        x, y = mark.x * columns, mark.y * rows
-        parts.append(
-            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{size:.1f}" fill="none" stroke="#ffd95a" '
-            f'stroke-width="{size / 8:.1f}"/><text x="{x + 1.3 * size:.1f}" y="{y:.1f}" '
-            f'fill="#ffd95a" font-size="{size:.1f}">{escape(mark.name)}</text>'
-        )
-    return "".join(parts)
+def _known(cell: str | None) -> float | None:
+    with suppress(ValueError):
+        return float(cell) if cell else None
+    return None
 
 
-def shown_size(run: Path, view: str) -> tuple[int, int]:
-    """Columns and rows of the picture as the page shows it."""
-    columns, rows = _size(run, view)
-    factor = _reduction(rows)
-    return -(-columns // factor), -(-rows // factor)
-
-
-def _size(run: Path, view: str) -> tuple[int, int]:
-    with Image.open(run / view / _PICTURE) as opened:
-        return opened.size
-
-
-def _reduction(rows: int) -> int:
-    """Every how many pixels one is shown."""
-    return max(1, -(-rows // MAX_ROWS))
-
-
-def facts_of(run: Path) -> list[dict[str, Any]]:
-    """Main numbers of each view, from the record."""
-    views = read_record(run).get("views", {})
-    keys = ("model", "converged", "thickness_mm", "force_n", "mas", "dose_mgy")
-    return [
-        {"view": name, **{key: _rounded(view.get(key)) for key in keys}}
-        for name, view in views.items()
-    ]
-
-
-def _rounded(value: Any) -> Any:
-    return round(value, 2) if isinstance(value, float) else value
+def planes_of(run: Path) -> str:
+    """The slider from uncompressed to compressed, as a page; empty where it was not reported."""
+    path = run / "report.html"
+    return planes_page(read_text(path)) if path.is_file() else ""
 
 
 def files_of(run: Path) -> list[str]:
@@ -147,7 +155,40 @@ def files_of(run: Path) -> list[str]:
     )
 
 
+def zip_of(run: Path) -> Iterator[bytes]:
+    """All files of a run as one ZIP archive, in pieces; most are compressed already."""
+    sink = _Sink()
+    with zipfile.ZipFile(sink, "w", zipfile.ZIP_STORED) as archive:
+        for name in files_of(run):
+            entry = zipfile.ZipInfo.from_file(run / name, f"{run.name}/{name}")
+            with (run / name).open("rb") as source, archive.open(entry, "w") as target:
+                while block := source.read(_BLOCK_BYTES):
+                    target.write(block)
+                    yield sink.taken()
+            yield sink.taken()
+    yield sink.taken()
+
+
+class _Sink(io.RawIOBase):
+    """What is written to it, to be taken away piece by piece."""
+
+    def __init__(self) -> None:
+        self._parts: list[bytes] = []
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        self._parts.append(bytes(data))
+        return len(self._parts[-1])
+
+    def taken(self) -> bytes:
+        whole = b"".join(self._parts)
+        self._parts.clear()
+        return whole
+
+
 def warnings_of(run: Path) -> list[str]:
     """The record's warnings."""
-    found = read_record(run).get("warnings", [])
+    found = record_of(run).get("warnings", [])
     return [str(one) for one in found] if isinstance(found, list) else []

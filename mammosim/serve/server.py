@@ -53,5 +53,5 @@ def serve(
     with suppress(KeyboardInterrupt):  # Ctrl-C closes the page
         ui.run(
             host=ADDRESS, port=port, title="mammosim", show=False, reload=False, dark=None,
-            show_welcome_message=False, favicon="🩻",
+            show_welcome_message=False, favicon="🩻", reconnect_timeout=60.0,
         )  # fmt: skip
