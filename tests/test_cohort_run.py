@@ -23,6 +23,7 @@ import pytest
 from make_run import FEW_PHOTONS, invoke
 from PIL import Image
 
+from mammosim._wording import counted
 from mammosim.cohort import cohort_status, load_cohort, run_cohort
 from mammosim.cohort.cluster import Workers, local_client, wait_for_worker
 from mammosim.cohort.patient import Patient, make_patient, worker_gb
@@ -273,7 +274,7 @@ def test_status_tells_what_is_there(disturbed, tmp_path):
     assert f"patient {FAULTY}: " in result.output
     warned = sum(bool(texts) for texts in warnings_in(disturbed).values())
     assert len(status.warnings) == warned
-    said = f"{warned} patients have warnings, see warnings.csv"
+    said = f"{counted(warned, 'patient')} with warnings, see warnings.csv"
     assert (said in " ".join(result.output.split())) == (warned > 0)
     with writing(disturbed):
         assert cohort_status(disturbed).active

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mammosim._wording import counted
 from mammosim.cli.signals import signals_interrupt
 from mammosim.cli.terminal import (
     UNCONVERGED,
@@ -73,7 +74,7 @@ def run(
         say(f"results in {folder}; open {folder / 'summary.html'}")
         print_warnings(_warned(cohort_status(folder)))
         if done.failed:
-            say_progress(f"{done.failed} patients failed: see {folder / 'failures.csv'}")
+            say_progress(f"{counted(done.failed, 'patient')} failed: see {folder / 'failures.csv'}")
             raise typer.Exit(UNCONVERGED)
 
 
@@ -105,7 +106,8 @@ def _warned(found: CohortStatus) -> list[str]:
     if not found.warnings:
         return []
     counts = (f"{name}: {n}" for name, n in patients_beyond(found.warnings).items())
-    return [f"{len(found.warnings)} patients have warnings, see warnings.csv ({', '.join(counts)})"]
+    warned = counted(len(found.warnings), "patient")
+    return [f"{warned} with warnings, see warnings.csv ({', '.join(counts)})"]
 
 
 @contextmanager

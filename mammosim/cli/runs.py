@@ -13,6 +13,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
+from mammosim._wording import counted
 from mammosim.cli.progress import event_lines, progress
 from mammosim.cli.rehearsing import rehearsing
 from mammosim.cli.signals import signals_interrupt
@@ -180,7 +181,7 @@ def _print_summary(study: Study, folder: Path) -> None:
     for name, view in study.views.items():
         if view.mammogram is not None:
             taken = view.series or view.mammogram  # load and dose of all projections together
-            count = f"{len(view.series.gantries)} projections, " if view.series else ""
+            count = f"{counted(len(view.series.gantries), 'projection')}, " if view.series else ""
             say(
                 f"{name}: {count}{view.squeezed.thickness_mm:.1f} mm, "
                 f"{view.squeezed.force_n:.1f} N, "

@@ -68,13 +68,13 @@ class Progress:
         >>> Progress(20, made=9, failed=1, running=2, workers=2, seconds=1800.0).sentence(
         ...     datetime(2024, 5, 1, 12, 0)
         ... )
-        '9 of 20 done, 2 running, 1 failed, 20 patients an hour, ends about 12:30'
+        '9 of 20 done, 2 running, 1 failed, 20 patients per hour, ends about 12:30'
         """
         parts = [f"{self.done} of {self.patients} done", f"{self.running} running"]
         parts.append(f"{self.failed} failed")
         if not self.workers:
             return ", ".join([*parts, "waiting for workers"])
         if self.seconds_left is not None:
-            parts.append(f"{self.patients_per_hour:.3g} patients an hour")
+            parts.append(f"{self.patients_per_hour:.3g} patients per hour")
             parts.append(expected_end(now, self.seconds_left))
         return ", ".join(parts)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mammosim._wording import counted
 from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.continuation import continued
 from mammosim.compression.credibility import contact_quantities
@@ -200,7 +201,7 @@ def _where_it_stopped(compressed: CompressedBreast, settings: CompressionSetting
     return (
         f"{settings.solver} stopped at an estimated error of "
         f"{compressed.measures['error_voxel']:.3g} lattice units after "
-        f"{compressed.history.size} iterations"
+        f"{counted(compressed.history.size, 'iteration')}"
     )
 
 

@@ -9,6 +9,7 @@ from pydicom.sequence import Sequence
 from pydicom.uid import BreastTomosynthesisImageStorage
 
 from mammosim._version import VERSION
+from mammosim._wording import counted
 from mammosim.acquisition import Tomosynthesis
 from mammosim.export.dicom_modules import pixel_format
 from mammosim.export.dicom_object import set_attributes, set_identity
@@ -94,7 +95,7 @@ def _method(volume: Reconstruction) -> Sequence:
     kind, name = _METHODS[volume.settings.method]
     description = name
     if volume.settings.method == "sart":
-        description += f", {volume.settings.iterations} iterations"
+        description += f", {counted(volume.settings.iterations, 'iteration')}"
     return sequence_of(
         ReconstructionDescription=description,
         ApplicationName="mammosim with RTK",

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
 
 from mammosim._display import display_of
+from mammosim._wording import counted
 from mammosim.geometry import VoxelFrame
 
 
@@ -180,7 +181,7 @@ class BreastPhantom:
         sizes = " x ".join(f"{step:g}" for step in self.voxel_mm)
         return (
             f"<BreastPhantom {self.laterality}: {voxels} voxels of {sizes} mm, "
-            f"{len(self.lesions)} lesions, from {self.source or 'unknown source'}>"
+            f"{counted(len(self.lesions), 'lesion')}, from {self.source or 'unknown source'}>"
         )
 
     def _repr_html_(self) -> str:

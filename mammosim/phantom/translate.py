@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._wording import counted
 from mammosim.errors import InputError
 from mammosim.tissues import TISSUES
 
@@ -192,7 +193,7 @@ def _check_known(
     ]
     if len(unknown) > MOST_SHOWN:
         more = len(unknown) - MOST_SHOWN
-        shown.append(f"{path}: and {more} more labels that are not in the label map")
+        shown.append(f"{path}: and {counted(more, 'more label')} not in the label map")
     raise InputError([*shown, f"{path}: known labels: {known}"])
 
 

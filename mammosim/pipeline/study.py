@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim._display import display_of
+from mammosim._wording import counted
 from mammosim.acquisition import Mammogram, Tomosynthesis
 from mammosim.compression import CompressedBreast
 from mammosim.phantom import BreastPhantom
@@ -54,8 +55,9 @@ class ViewResult:
     def __repr__(self) -> str:
         reached = "mammogram" if self.mammogram is not None else "compression"
         if self.series is not None:
-            reached = f"{len(self.series.gantries)} projections"
-        return f"<ViewResult {self.squeezed.view.folder}: {reached}, {len(self.targets)} targets>"
+            reached = counted(len(self.series.gantries), "projection")
+        targets = counted(len(self.targets), "target")
+        return f"<ViewResult {self.squeezed.view.folder}: {reached}, {targets}>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +107,8 @@ class Study:
 
     def __repr__(self) -> str:
         sides = ", ".join(breast.laterality for breast in self.breasts)
-        lesions = sum(len(breast.lesions) for breast in self.breasts)
-        return f"<Study of {sides}: {', '.join(self.views) or 'no views'}, {lesions} lesions>"
+        lesions = counted(sum(len(breast.lesions) for breast in self.breasts), "lesion")
+        return f"<Study of {sides}: {', '.join(self.views) or 'no views'}, {lesions}>"
 
     def _repr_html_(self) -> str:
         """The mammograms with lesions marked, and how far each moved, for notebooks."""

@@ -12,6 +12,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from mammosim._wording import counted
 from mammosim.acquisition import dose_limit_mgy
 from mammosim.plausibility import patients_beyond
 from mammosim.report.contact_sheet import Thumbnails
@@ -108,20 +109,15 @@ def render_cohort(
     return template("cohort.html").render(
         title=title,
         counts=[
-            _counted(first_of_patient.size, "patient"),
-            _counted(first_of_view.size, "picture"),
-            f"{_counted(int(lesion.sum()), 'lesion')} seen in a view each",
-            f"{_counted(len(failures), 'patient')} failed",
+            counted(first_of_patient.size, "patient"),
+            counted(first_of_view.size, "picture"),
+            f"{counted(int(lesion.sum()), 'lesion')} seen in a view each",
+            f"{counted(len(failures), 'patient')} failed",
         ],
         groups=shown, rows=rows, failures=failures, most=MOST_LISTED, links=links, sheet=sheet,
         warned=patients_beyond(warnings),
         warnings=[(index, text) for index, found in warnings.items() for text in found],
     )  # fmt: skip
-
-
-def _counted(number: int, thing: str) -> str:
-    """As `1 patient`, `2 patients`."""
-    return f"{number} {thing}" + ("" if number == 1 else "s")
 
 
 def _in_words(columns: Iterable[str]) -> list[tuple[str, str, str]]:

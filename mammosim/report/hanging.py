@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from mammosim._wording import counted
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
 from mammosim.geometry import Gantry, View
@@ -154,7 +155,7 @@ def _exposed(
     ]
     if "projections" in mammogram.measures:
         count = mammogram.measures["projections"]
-        technique[2] += f", the middle one of {count:.0f} projections"
+        technique[2] += f", the middle one of {counted(count, 'projection')}"
     uri = picture_data_uri(mammogram, crop, settings.picture_rows)
     return framed(mammogram.gantry, here, crop, " · ".join(technique), uri)
 

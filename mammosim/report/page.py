@@ -8,6 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from mammosim._wording import counted
 from mammosim.report.appearance import MEASURES
 from mammosim.report.facts import compression_rows, exposure_rows, lesions_seen
 from mammosim.report.figures import convergence_svg
@@ -110,7 +111,7 @@ def _case(views: Sequence[ReportedView], lesions: Sequence[dict[str, Any]]) -> s
         first = mammograms[0]
         parts.append(f"{first.target}/{first.filter} {first.kvp:g} kV")
     count = sum(entry["first"].is_lesion for entry in lesions)
-    parts.append({0: "no lesion", 1: "1 lesion"}.get(count, f"{count} lesions"))
+    parts.append(counted(count, "lesion") if count else "no lesion")
     return " · ".join(parts)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mammosim._wording import counted
 from mammosim.reconstruction import Reconstruction, Synthetic
 from mammosim.report.figures import block_means, jpeg_data_uri
 from mammosim.report.hanging import ReportedView, targets_of
@@ -59,7 +60,7 @@ def _stack(volume: Reconstruction, name: str, rows_of_view: Sequence[Target]) ->
     method, made = volume.settings.method.upper(), volume.synthetic
     return {
         "name": name,
-        "text": f"{slices} slices of {volume.grid.slice_mm:g} mm by {method}"
+        "text": f"{counted(slices, 'slice')} of {volume.grid.slice_mm:g} mm by {method}"
         + (f", 1 in {step} shown" if step > 1 else ""),
         "synthetic": "" if made is None else _synthetic_uri(made, factor),
         "columns": columns,

@@ -7,6 +7,7 @@ from importlib.resources import files
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 
+from mammosim._wording import counted
 from mammosim.report.quantities import number
 
 
@@ -16,6 +17,7 @@ def template(name: str) -> Template:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
                               lstrip_blocks=True, loader=FunctionLoader(part))  # fmt: skip
     environment.filters["number"] = number
+    environment.filters["counted"] = counted
     return environment.get_template(name)
 
 
