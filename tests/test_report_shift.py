@@ -198,7 +198,10 @@ def answers():
         1, "mass 1", "mass", "CC", 50, 3.0, 1.0, -4.0, *[0.1] * 6, 6.1, 1, 0, 0, 4.2, 0, 1, 0, 2.3,
         0, 0, 1, 7.7, 1.0, 9.9, 1.0, 1.0, 1.0,
     )  # fmt: skip
-    return ShiftAnswers(rules, (needle, air, unseen, none), (spread,))
+    lying = dataclasses.replace(none, name="lying", biopsy_view="supine")
+    alone = dataclasses.replace(lying, target_id=2, name="alone")
+    place = dataclasses.replace(spread, view="CC supine", samples=48, long_mm=5.1)
+    return ShiftAnswers(rules, (needle, air, unseen, none, lying, alone), (spread, place))
 
 
 def test_the_answers_are_in_tables(record):
@@ -208,9 +211,12 @@ def test_the_answers_are_in_tables(record):
     assert "aim is in air" in words
     assert "lost CC ML, 44.0 mm – – –" in words
     assert "CC no plates" in words
+    assert "Without plates, the woman supine (experimental)" in words
+    assert "1 lying CC 1.0 2.0 3.0 48 5.1 4.2 2.3" in words
+    assert "2 alone CC 1.0 2.0 3.0 not asked for" in words
     assert "mass 1 CC 50 3.0 1.0 -4.0 6.1 4.2 2.3 7.7 9.9" in words
     without = page(record)
-    for heading in ("At biopsy", "How sure it is", "From one picture to the other"):
+    for heading in ("At biopsy", "How sure it is", "From one picture to the other", "experimental"):
         assert heading not in without
 
 

@@ -14,9 +14,17 @@ from make_phantom import half_ellipsoid_breast
 from make_run import invoke, read_table, save_breast, write
 
 from mammosim.cli.progress import progress
-from mammosim.compression import MODELS, CompressionSettings, Sample, Sampler, compress
+from mammosim.compression import (
+    MODELS,
+    CompressionSettings,
+    Sample,
+    Sampler,
+    compress,
+    in_posture,
+)
 from mammosim.compression.samples import LATTICE_SHIFTS, stiffness_group
 from mammosim.errors import InputError, Interrupted
+from mammosim.geometry import View
 from mammosim.phantom import Landmark
 from mammosim.pipeline import Plan, load_config
 from mammosim.targets import (
@@ -133,6 +141,43 @@ def test_draws_are_seeded_within_their_ranges_and_one_breast_is_one_breast():
     assert {sample.lattice % 4 for sample in drawn} == {0, 1, 2, 3}
     still = draw_samples(UncertaintySettings(lattice=False), groups, "LCC", 5)
     assert {sample.lattice for sample in still} == {0}
+
+
+def test_fibres_are_drawn_where_a_model_knows_them(sampler):
+    varied, squeezed = sampler
+    assert varied.has_fibres == (squeezed.model == "hyperelastic")
+
+    def ratios(nominal, **keys):
+        samples = draw_samples(
+            UncertaintySettings(samples=300, **keys), ("skin",), "CC", 3, nominal
+        )
+        return np.array([sample.fibre_ratio for sample in samples], float)
+
+    drawn = ratios(1.0)
+    assert drawn.min() > 1.0
+    assert drawn.max() < 3.0
+    assert drawn.mean() == pytest.approx(2.0, abs=0.1)  # three standard deviations of 300
+    assert ratios(4.0).mean() == pytest.approx(4.0, abs=0.31)
+    assert np.isnan(ratios(None)).all()
+    assert np.isnan(ratios(1.0, fibre_ratio=1.0)).all()
+    if varied.has_fibres:  # they hold the breast back towards the front
+        points = np.array([mark.position_mm for mark in squeezed.phantom.landmarks])
+        nominal = varied.field(Sample({})).displacement_at(points)
+        fibrous = varied.field(Sample({}, fibre_ratio=3.0)).displacement_at(points)
+        assert (fibrous[:, 0] < nominal[:, 0]).all()
+
+
+def test_a_posture_varies_with_the_tissue():
+    keys = CompressionSettings(model="hyperelastic", resolution_mm=6.0)
+    held = in_posture(breast(), View("CC", "L"), keys, "prone")
+    varied = Sampler(held, keys)
+    points = held.phantom.landmarks[0].position_mm[None]
+    np.testing.assert_array_equal(
+        varied.field(Sample({})).displacement_mm, held.field.displacement_mm
+    )
+    stiff = varied.field(Sample(dict.fromkeys(varied.groups, 2.0)))
+    moved, less = held.displacement_at(points)[0, 0], stiff.displacement_at(points)[0, 0]
+    assert less == pytest.approx(0.5 * moved, rel=0.1)  # small strain
 
 
 def test_the_sample_that_deviates_by_nothing_is_the_compression_itself(sampler):

@@ -9,13 +9,13 @@ from mammosim.compression.lattice import breast_volume_ml
 from mammosim.compression.model import MODELS, MechanicalModel, compressing_models
 from mammosim.compression.plate_check import check_plates
 from mammosim.compression.plates import held_tissue, plate_edge_mm, population_thickness_mm
-from mammosim.compression.posture import EXPERIMENTAL, Posture, in_posture
+from mammosim.compression.posture import in_posture, posture_caution
 from mammosim.compression.samples import Sample, Sampler
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.uncompressed import held_before
+from mammosim.compression.unloading import weightless
 
 __all__ = [
-    "EXPERIMENTAL",
     "MODELS",
     "CompressedBreast",
     "CompressionKeys",
@@ -23,7 +23,6 @@ __all__ = [
     "DisplacementField",
     "InverseMap",
     "MechanicalModel",
-    "Posture",
     "Sample",
     "Sampler",
     "breast_volume_ml",
@@ -35,4 +34,6 @@ __all__ = [
     "in_posture",
     "plate_edge_mm",
     "population_thickness_mm",
+    "posture_caution",
+    "weightless",
 ]

@@ -14,7 +14,7 @@ from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.inverse import InverseMap
 from mammosim.compression.model import MODELS
 from mammosim.geometry import View
-from mammosim.phantom import BreastPhantom
+from mammosim.phantom import BreastPhantom, Posture
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class CompressedBreast:
     notes: tuple[str, ...] = ()
     interrupted: bool = False
     modulus_kpa: NDArray[np.float32] | None = None
-    posture: str | None = None
+    posture: Posture | None = None
 
     @property
     def is_compressed(self) -> bool:

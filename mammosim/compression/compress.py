@@ -17,6 +17,7 @@ from mammosim.compression.model import MODELS
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.spring_model import SPRINGS
 from mammosim.compression.uncompressed import UNCOMPRESSED, held_before
+from mammosim.compression.unloading import compress_unloaded
 from mammosim.config import documents_keys, given_settings
 from mammosim.errors import InputError, Interrupted, NotConverged
 from mammosim.geometry import View
@@ -74,7 +75,7 @@ def compress(
     held = as_held(breast, view.rotation[1])
     model = MODELS[settings.model]
     try:
-        squeezed: CompressedBreast = model.compress(held, view, settings, seed, watch)
+        squeezed = compress_unloaded(held, view, settings, seed, watch)
     except KeyboardInterrupt:  # where no solver has a state to keep
         raise Interrupted(f"{view.folder}: compression was interrupted", None) from None
     before = held_before(breast, view, model.compresses)

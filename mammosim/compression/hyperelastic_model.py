@@ -383,6 +383,7 @@ HYPERELASTIC = MechanicalModel(
     ),
     usual={"resolution_mm": 3.0, "stiffness": "aspiration"},
     chest_walls=("fascia", "fixed", "sliding"),
+    frees_from_weight=True,
     bytes_per_node=BYTES_PER_NODE,
     seconds=_seconds,
 )

@@ -40,6 +40,8 @@ class MechanicalModel:
         Values of the key `chest_wall` that it knows; the first is its default.
     compresses : bool
         Whether tissue is moved, so that plates press and the compression can be varied.
+    frees_from_weight : bool
+        Whether it can find the shape without weight of a breast that was shaped by it.
     bytes_per_node : float
         Memory, of the box around the lattice.
     seconds : callable
@@ -61,6 +63,7 @@ class MechanicalModel:
     usual: Mapping[str, Any] = field(default_factory=dict)
     chest_walls: tuple[str, ...] = ("fixed", "sliding", "fascia")
     compresses: bool = True
+    frees_from_weight: bool = False
     bytes_per_node: float = 0.0
     seconds: Callable[[Any, float], float] = lambda settings, nodes: 0.0
     sample_keys: Mapping[str, Any] = field(default_factory=dict)

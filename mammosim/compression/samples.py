@@ -12,9 +12,11 @@ from mammosim._jit import one_blas_thread
 from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.model import MODELS
+from mammosim.compression.posture import in_posture
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.thesis_units import in_millimetres
-from mammosim.errors import Interrupted
+from mammosim.compression.unloading import compress_unloaded
+from mammosim.errors import Interrupted, NotConverged
 from mammosim.phantom import BreastPhantom
 from mammosim.tissues import TISSUES
 
@@ -23,6 +25,12 @@ LATTICE_SHIFTS = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
 
 FASCIA = "fascia"
 """Name of its stiffness among the groups of tissues."""
+
+FIBRES = "fibres"
+"""Name of the key of the settings that says how much stiffer tissue is along fibres."""
+
+MAX_FIBRE_RATIO = 20.0
+"""As `FibreSettings` allows."""
 
 FASCIA_SPREAD = 3.0
 """Standard deviation of the logarithm of the fascia's stiffness, in those of a tissue's modulus:
@@ -44,6 +52,8 @@ class Sample:
         Added to the gap, to both plates' height, and to the place of their edge.
     lattice : int
         Number of the lattice, modulo how many there are.
+    fibre_ratio : float, optional
+        Modulus along fibres over that across them; None: as in the compression that is varied.
     """
 
     stiffness: Mapping[str, float]
@@ -51,6 +61,7 @@ class Sample:
     height_mm: float = 0.0
     edge_mm: float = 0.0
     lattice: int = 0
+    fibre_ratio: float | None = None
 
     def __str__(self) -> str:
         """The deviations in a few words."""
@@ -59,7 +70,9 @@ class Sample:
             f"gap {self.thickness_mm:+.1f}, height {self.height_mm:+.1f}, "
             f"edge {self.edge_mm:+.1f} mm"
         )
-        return ", ".join([plates, *moduli, f"lattice {self.lattice % len(LATTICE_SHIFTS)}"])
+        fibres = [] if self.fibre_ratio is None else [f"fibres {self.fibre_ratio:.2f}"]
+        lattice = f"lattice {self.lattice % len(LATTICE_SHIFTS)}"
+        return ", ".join([plates, *moduli, *fibres, lattice])
 
 
 def stiffness_group(tissue: str) -> str:
@@ -82,7 +95,8 @@ class Sampler:
     Parameters
     ----------
     squeezed : CompressedBreast
-        The compression that is varied; its plates are where they were found to be.
+        The compression that is varied, its plates where they were found to be; or a breast without
+        plates in a posture.
     settings : CompressionSettings
         That it was made with, but for what the model has for samples (`sample_keys`): springs are
         solved by `multigrid`.
@@ -92,6 +106,8 @@ class Sampler:
     groups : tuple of str
         Groups of tissues whose stiffness can be varied: those that occur in the breast, and
         `fascia` last where it holds the breast.
+    has_fibres : bool
+        Whether the model knows fibres.
 
     Notes
     -----
@@ -101,12 +117,15 @@ class Sampler:
     """
 
     def __init__(self, squeezed: CompressedBreast, settings: CompressionSettings) -> None:
-        self._breast, self._view, self._model = squeezed.phantom, squeezed.view, squeezed.model
+        self._breast, self._view = squeezed.phantom, squeezed.view
+        self._posture = squeezed.posture
+        self._model = settings.model if self._posture else squeezed.model
         self._middle_mm = 0.5 * (squeezed.support_z_mm + squeezed.paddle_z_mm)
         self._thickness_mm, self._edge_mm = squeezed.thickness_mm, squeezed.plate_edge_mm
         self._settings = in_millimetres(settings, squeezed.phantom, squeezed.view)
         tied = (FASCIA,) if settings.wall == FASCIA else ()
         self.groups = (*_groups(squeezed.phantom), *tied)
+        self.has_fibres = FIBRES in MODELS[self._model].own_keys
 
     @one_blas_thread
     def compressed(
@@ -126,9 +145,16 @@ class Sampler:
             If the user stopped it.
         """
         shift = LATTICE_SHIFTS[sample.lattice % len(LATTICE_SHIFTS)]
-        found = MODELS[self._model].compress(
-            self._breast, self._view, self._varied(sample), watch=watch, lattice_shift=shift
-        )
+        settings = self._varied(sample)
+        try:
+            if self._posture is not None:
+                found = in_posture(self._breast, self._view, settings, self._posture, watch, shift)
+            else:
+                found = compress_unloaded(
+                    self._breast, self._view, settings, watch=watch, lattice_shift=shift
+                )
+        except NotConverged as stop:  # the posture's, or that of the shape without weight
+            found = stop.reached
         if found.interrupted:
             raise Interrupted(f"{self._view.folder}: a sample was interrupted", found)
         return found
@@ -162,9 +188,12 @@ class Sampler:
         return self._settings.model_copy(update=changes)
 
     def _varied_structure(self, sample: Sample, moduli: dict[str, float]) -> dict[str, Any]:
-        """Fascia of a sample, and skin where it is a sheet, whose modulus it then is."""
+        """Fibres, fascia, and skin where it is a sheet, whose modulus it then is."""
         settings, sheet = self._settings, self._settings.skin_sheet
         changes: dict[str, Any] = {}
+        if sample.fibre_ratio is not None:
+            ratio = min(sample.fibre_ratio, MAX_FIBRE_RATIO)
+            changes[FIBRES] = settings.fibres.model_copy(update={"ratio": ratio})
         if FASCIA in sample.stiffness:
             factor = sample.stiffness[FASCIA] ** FASCIA_SPREAD
             changes["fascia_kpa_per_mm"] = factor * settings.fascia_kpa_per_mm

@@ -1,7 +1,14 @@
 """The uncompressed breast: readers, generator, lesions, checks."""
 
 from mammosim.phantom.anatomy import GenerateSettings, generate_phantom
-from mammosim.phantom.breast import BreastPhantom, CompressedState, Landmark, Lesion, OpenEnd
+from mammosim.phantom.breast import (
+    BreastPhantom,
+    CompressedState,
+    Landmark,
+    Lesion,
+    OpenEnd,
+    Posture,
+)
 from mammosim.phantom.keys import PhantomKeys
 from mammosim.phantom.label_table import (
     LABELS_FILE,
@@ -44,6 +51,7 @@ __all__ = [
     "PhantomKeys",
     "PhantomSettings",
     "PhantomSummary",
+    "Posture",
     "Side",
     "Volume",
     "address_bytes",

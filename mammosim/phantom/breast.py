@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,9 @@ from scipy.ndimage import map_coordinates
 from mammosim._display import display_of
 from mammosim._wording import counted
 from mammosim.geometry import VoxelFrame
+
+Posture = Literal["standing", "prone", "supine"]
+"""How a woman stands or lies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +151,8 @@ class BreastPhantom:
         Where the body goes on though its voxels end; None where skin closes it or it is not known.
     compressed : CompressedState or None
         Where plates hold it already; its breast frame is the compression frame then.
+    shaped_under : {"standing", "prone", "supine"} or None
+        Posture in whose weight it has this shape; None where the shape is free of weight.
     source : str
         Where it came from: file name or generator.
     orientation : str
@@ -166,6 +171,7 @@ class BreastPhantom:
     landmarks: tuple[Landmark, ...] = ()
     open_end: OpenEnd | None = None
     compressed: CompressedState | None = None
+    shaped_under: Posture | None = None
     source: str = ""
     orientation: str = ""
     notes: tuple[str, ...] = field(default=())

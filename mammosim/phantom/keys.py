@@ -108,6 +108,11 @@ class PhantomKeys(TypedDict, total=False):
     to the paddle; other views are refused. Default: from a volume that mammosim wrote; with
     labelled plates (50), the only view of the run."""
 
+    shaped_under: Literal["none", "standing", "prone", "supine"]
+    """Posture under whose weight the breast has the shape that its voxels show, as `prone` in MRI
+    or `supine` in CT; the model `hyperelastic` frees it from that weight first (experimental).
+    `none`: the shape is taken as free of weight, as generated breasts are meant. Default: none."""
+
     lesions_from_labels: FoundLesionSettings | FoundLesionKeys
     """Which mass voxels of the file form one lesion."""
 

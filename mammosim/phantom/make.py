@@ -62,7 +62,11 @@ def make_phantom(
     landmarks = _landmarks(breast, settings.landmarks)
     rng = np.random.default_rng([seed, _LESION_STREAM, *([breast_number] if breast_number else [])])
     breast = insert_lesions(breast, settings.lesions, rng)
-    return dataclasses.replace(breast, landmarks=breast.landmarks + landmarks)
+    return dataclasses.replace(
+        breast,
+        landmarks=breast.landmarks + landmarks,
+        shaped_under=None if settings.shaped_under == "none" else settings.shaped_under,
+    )
 
 
 def _landmarks(breast: BreastPhantom, wanted: Sequence[LandmarkSettings]) -> tuple[Landmark, ...]:

@@ -155,6 +155,11 @@ class PhantomSettings(Settings):
     to the paddle; other views are refused. Default: from a volume that mammosim wrote; with
     labelled plates (50), the only view of the run."""
 
+    shaped_under: Literal["none", "standing", "prone", "supine"] = "none"
+    """Posture under whose weight the breast has the shape that its voxels show, as `prone` in MRI
+    or `supine` in CT; the model `hyperelastic` frees it from that weight first (experimental).
+    `none`: the shape is taken as free of weight, as generated breasts are meant."""
+
     lesions_from_labels: FoundLesionSettings = FoundLesionSettings()
     """Which mass voxels of the file form one lesion."""
 
@@ -211,6 +216,11 @@ class PhantomSettings(Settings):
                 f"'{key}' belongs to 'file', not to 'generate'"
                 for key in keys if getattr(self, key) != type(self).model_fields[key].default
             ]  # fmt: skip
+        if self.compressed_for is not None and self.shaped_under != "none":
+            problems.append(
+                f"shaped_under: found {self.shaped_under} with compressed_for: "
+                f"{self.compressed_for}; a breast between plates has their shape, so leave one out"
+            )
         names = [le.name for le in self.lesions] + [mark.name for mark in self.landmarks]
         for name in sorted({name for name in names if names.count(name) > 1}):
             problems.append(f"the name '{name}' is used more than once")

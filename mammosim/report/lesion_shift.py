@@ -4,13 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
+from mammosim.phantom import Posture
 from mammosim.report.hanging import ReportedView, targets_of
 from mammosim.report.planes import FRAMES, Drawing, drawings
 from mammosim.report.settings import ReportSettings
 from mammosim.report.solid import plotly_gzip_base64, solid
 from mammosim.targets import BiopsyResult, RuleError, ShiftAnswers, ShiftUncertainty, Target
+
+
+@dataclass(frozen=True)
+class PosturePlace:
+    """Where a target lies when only weight holds the breast, and how sure that is.
+
+    Parameters
+    ----------
+    row : BiopsyResult
+    spread : ShiftUncertainty or None
+        None where no samples were asked for.
+    """
+
+    row: BiopsyResult
+    spread: ShiftUncertainty | None
 
 
 @dataclass(frozen=True)
@@ -27,6 +43,7 @@ class ShiftSection:
         Packed plotly.js; empty without a 3-D view.
     rules : tuple of RuleError
     biopsy : tuple of BiopsyResult
+    postures : tuple of PosturePlace
     uncertainty : tuple of ShiftUncertainty
     """
 
@@ -35,6 +52,7 @@ class ShiftSection:
     library: str
     rules: tuple[RuleError, ...]
     biopsy: tuple[BiopsyResult, ...]
+    postures: tuple[PosturePlace, ...]
     uncertainty: tuple[ShiftUncertainty, ...]
 
 
@@ -58,8 +76,18 @@ def shift_section(
     library = plotly_gzip_base64() if settings.three_d and drawn else ""
     return ShiftSection(
         drawn, {"views": data, "last": FRAMES - 1}, library, answers.rules, answers.biopsy,
-        answers.uncertainty,
+        posture_places(answers), answers.uncertainty,
     )  # fmt: skip
+
+
+def posture_places(answers: ShiftAnswers) -> tuple[PosturePlace, ...]:
+    """Targets of a biopsy or operation in a posture, each with the spread of its place."""
+    spreads = {(row.target_id, row.view): row for row in answers.uncertainty}
+    return tuple(
+        PosturePlace(row, spreads.get((row.target_id, f"{row.view} {row.biopsy_view}")))
+        for row in answers.biopsy
+        if row.biopsy_view in get_args(Posture)
+    )
 
 
 def _frames(drawing: Drawing) -> dict[str, Any]:

@@ -53,6 +53,11 @@ class UncertaintyKeys(TypedDict, total=False):
     """Largest deviation, in either direction, of how far the breast is drawn between the plates,
     mm, uniform. Default: 5.0."""
 
+    fibre_ratio: float
+    """Largest ratio of the stiffness along fibres to that across them (model `hyperelastic`),
+    evenly drawn between 1 and this, or between 1 and twice `compression.fibres.ratio` less 1 where
+    that is more (assumed); 1: as in the compression. Default: 3.0."""
+
     lattice: bool
     """Also shift the lattice by up to half its spacing, to include the effect of its stepped
     surface. Default: True."""

@@ -70,7 +70,11 @@ class ShiftUncertainty:
 
 
 def draw_samples(
-    settings: UncertaintySettings, groups: Sequence[str], position: str, seed: int
+    settings: UncertaintySettings,
+    groups: Sequence[str],
+    position: str,
+    seed: int,
+    fibre_ratio: float | None = None,
 ) -> list[Sample]:
     """Deviations of one position of the breast.
 
@@ -83,6 +87,8 @@ def draw_samples(
         Name of the position, as `LCC`: plates are drawn anew for each, while stiffness and lattice
         of a sample are the same in all of them, since it is the same breast.
     seed : int
+    fibre_ratio : float, optional
+        Ratio of fibres in the compression that is varied; None where the model knows none.
 
     Returns
     -------
@@ -93,6 +99,7 @@ def draw_samples(
     of_breast = np.random.default_rng([seed, STREAM])
     logs = of_breast.standard_normal((count, len(groups))) * settings.stiffness_spread
     lattices = of_breast.integers(1 << 16, size=count)
+    ratios = _fibre_ratios(settings, fibre_ratio, of_breast.random(count))
     of_position = np.random.default_rng([seed, STREAM, zlib.crc32(position.encode())])
     reach = (settings.thickness_mm, settings.plate_height_mm, settings.plate_edge_mm)
     plates = of_position.uniform(-1.0, 1.0, (count, 3)) * reach
@@ -103,9 +110,20 @@ def draw_samples(
             height_mm=float(plates[n, 1]),
             edge_mm=float(plates[n, 2]),
             lattice=int(lattices[n]) if settings.lattice else 0,
+            fibre_ratio=ratios[n],
         )
         for n in range(count)
     ]
+
+
+def _fibre_ratios(
+    settings: UncertaintySettings, nominal: float | None, part: NDArray[np.float64]
+) -> list[float | None]:
+    """Ratio of fibres of each sample, from even numbers between 0 and 1."""
+    if nominal is None or settings.fibre_ratio == 1.0:
+        return [None] * len(part)
+    highest = max(settings.fibre_ratio, 2.0 * nominal - 1.0)
+    return [float(ratio) for ratio in 1.0 + part * (highest - 1.0)]
 
 
 def sampled_shifts(

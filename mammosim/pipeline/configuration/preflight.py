@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mammosim.acquisition import SCATTER_VOXEL_MM, check_acquisition
@@ -187,7 +189,8 @@ def _coarsely_compressed(breast: BreastPhantom, view: ResolvedView) -> Compresse
     )
     held = coarse if MODELS[settings.model].compresses else settings
     try:
-        return compress(breast, view.position(breast.laterality), held)
+        free = replace(breast, shaped_under=None)  # springs know no weight
+        return compress(free, view.position(breast.laterality), held)
     except NotConverged as error:
         reached: CompressedBreast = error.reached
         return reached

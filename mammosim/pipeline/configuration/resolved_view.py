@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from mammosim.acquisition import AcquisitionSettings
-from mammosim.compression import CompressionSettings, Posture
+from mammosim.compression import CompressionSettings
 from mammosim.geometry import View
+from mammosim.phantom import Posture
 from mammosim.projection import ProjectionSettings
 from mammosim.reconstruction import SeriesSettings
 

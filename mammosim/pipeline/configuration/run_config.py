@@ -8,7 +8,7 @@ from typing import Any, Self
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from mammosim.acquisition import AcquisitionSettings
-from mammosim.compression import MODELS, CompressionSettings, compressing_models
+from mammosim.compression import MODELS, CompressionSettings, compressing_models, weightless
 from mammosim.config import Settings, to_settings
 from mammosim.errors import InputError
 from mammosim.export import ExportSettings, PatientSettings, age_problems
@@ -156,6 +156,8 @@ class RunConfig(Settings):
                     dose_map=self.export.dose_map, title=view.title,
                 )  # fmt: skip
                 resolved.append(one)
+        if not problems:
+            problems += self._models_without_weight(resolved)
         if not problems and self.targets.uncertainty is not None:
             problems += self._models_that_cannot_be_varied(resolved)
         if problems:
@@ -196,6 +198,15 @@ class RunConfig(Settings):
             own = {key: value for key, value in own.items() if key not in PLATE_KEYS} | plates
         held = ViewSettings(view=name, compression=own)
         return BiopsyPosition(name, self._section_for(held, "compression"))
+
+    def _models_without_weight(self, views: Sequence[ResolvedView]) -> list[str]:
+        """Views, and biopsies between plates, whose model cannot free the breast from weight."""
+        shaped = self.phantom.shaped_under
+        if shaped == "none":
+            return []
+        models = {view.compression.model for view in views}
+        models |= {view.biopsy.compression.model for view in views if view.biopsy is not None}
+        return [text for model in sorted(models) for text in weightless(shaped, model)]
 
     def _models_that_cannot_be_varied(self, views: Sequence[ResolvedView]) -> list[str]:
         held = {view.label: view.compression for view in views}

@@ -273,7 +273,8 @@ def _more_compressions(config: RunConfig, label: str) -> list[tuple[str, str, in
     plates = 1 if biopsy is not None and biopsy.view != "none" else 0
     posture = 1 if biopsy is not None and biopsy.posture is not None else 0
     samples = targets.uncertainty.samples if targets.uncertainty is not None else 0
-    found = [("", "biopsy", plates + posture), (label, "uncertainty", samples * (1 + plates))]
+    held = plates + posture
+    found = [("", "biopsy", held), (label, "uncertainty", samples * (1 + held))]
     return [(view, stage, count) for view, stage, count in found if count]
 
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.compression import (
-    EXPERIMENTAL,
     CompressedBreast,
     CompressionSettings,
     Sample,
     Sampler,
     compress,
     in_posture,
+    posture_caution,
 )
 from mammosim.errors import NotConverged
 from mammosim.phantom import BreastPhantom
@@ -189,7 +189,7 @@ def _biopsy_positions(
             view = biopsy.position(breast.laterality)
             try:
                 if biopsy.posture is not None:
-                    notes.append(f"biopsy for {folder}: {EXPERIMENTAL}")
+                    notes.append(f"biopsy for {folder}: {posture_caution(breast)}")
                     made[key] = in_posture(breast, view, biopsy.compression, biopsy.posture)
                 else:
                     made[key] = compress(breast, view, biopsy.compression, seed=seed)
@@ -213,10 +213,12 @@ def _spread(
 ) -> tuple[list[ShiftUncertainty], list[str]]:
     """Draw samples of every view, and of its biopsy position with the same tissue.
 
-    Also says how many samples of which view were lost.
+    Postures have rows of their own, since there the lesion's place itself is asked for. Also says
+    how many samples of which view were lost.
     """
     shifts: dict[str, NDArray[np.float64]] = {}
     biopsy_shifts: dict[str, NDArray[np.float64]] = {}
+    postures: dict[str, NDArray[np.float64]] = {}
     done: dict[int, NDArray[np.float64]] = {}
     notes: list[str] = []
     for folder, position in at_mammogram.items():
@@ -232,7 +234,10 @@ def _spread(
                 done[key], lost = _sampled(origins, held, what, config, watch)
                 notes += lost
             biopsy_shifts[label] = done[key]
-    return uncertainties(origins, shifts, biopsy_shifts if at_biopsy else None), notes
+            if held.squeezed.posture is not None:
+                postures[f"{label} {held.squeezed.posture}"] = done[key]
+    spread = uncertainties(origins, shifts, biopsy_shifts if at_biopsy else None)
+    return spread + uncertainties(origins, postures), notes
 
 
 def _sampled(
@@ -244,11 +249,12 @@ def _sampled(
 ) -> tuple[NDArray[np.float64], list[str]]:
     """Shift of each target in each sample of one position, [sample, target, 3], mm; and notes."""
     settings = config.targets.uncertainty or UncertaintySettings()
-    if not held.squeezed.is_compressed:  # nothing is held, nothing varies
+    if not held.squeezed.is_compressed and held.squeezed.posture is None:  # nothing varies
         still = np.array([mean_shift_mm(held.squeezed.field, origin) for origin in origins])
         return np.broadcast_to(still, (settings.samples, *still.shape)), []
     sampler = Sampler(held.squeezed, held.settings)
-    samples = draw_samples(settings, sampler.groups, what, config.seed)
+    ratio = held.settings.fibres.ratio if sampler.has_fibres else None
+    samples = draw_samples(settings, sampler.groups, what, config.seed, ratio)
 
     def watch(number: int, row: np.void) -> None:
         tell(f"uncertainty, sample {number + 1} of {len(samples)}", row)
