@@ -196,6 +196,10 @@ def test_a_hanging_column_stretches_by_its_weight():
             {"model": "springs", "fibres": {"ratio": 2.0}},
             "fibres: valid for the model hyperelastic only",
         ),
+        (
+            {"model": "none", "gravity": True},
+            "gravity: valid for the models springs and hyperelastic only",
+        ),
         ({"model": "springs", "chest_wall": "fascia"}, "chest_wall: fascia needs model: hyper"),
     ],
 )

@@ -348,14 +348,9 @@ class CompressionSettings(Settings):
 
     @model_validator(mode="after")
     def _keys_that_the_model_knows(self) -> Self:
-        usual = type(self).model_fields
-        for name, model in MODELS.items():
-            foreign = set(model.own_keys) - set(MODELS[self.model].own_keys)
-            given = [
-                key
-                for key in model.own_keys
-                if key in foreign and getattr(self, key) != usual[key].default
-            ]
-            if given:
-                raise ValueError(f"{', '.join(given)}: valid for the model {name} only")
+        for key, field in type(self).model_fields.items():
+            able = [name for name, model in MODELS.items() if key in model.own_keys]
+            if able and self.model not in able and getattr(self, key) != field.default:
+                models = f"model{'s' if len(able) > 1 else ''} {' and '.join(able)}"
+                raise ValueError(f"{key}: valid for the {models} only")
         return self
