@@ -1,16 +1,19 @@
 """Where lesions go in many generated breasts, beside published clip migration and the thesis.
 
-    python benchmarks/biopsy_shift.py OUT [--breasts 24] [--lesions 3] [--voxel-mm 0.8]
+    python benchmarks/biopsy_shift.py OUT [--breasts 24] [--lesions 3] [--voxel-mm 1.5]
+        [--elements 6] [--model hyperelastic]
     python benchmarks/biopsy_shift.py OUT --samples 50 [--model springs]
 
 Each breast is drawn by its seed (density class in turn, volume, side), gets lesions of 8 mm at
-random places in gland, and is compressed in CC and MLO to the population's thickness on a 1 mm
-lattice of springs. Written are `shifts.csv`, one line a lesion and view, `summary.json` and the
-picture. `along_mm` is as in lesions.csv, where both plates close on the middle of the breast;
-`from_support_mm` is the same seen from the breast support, on which the breast lies. With
-`--samples` instead: the time of that many samples of `targets.uncertainty` for the quickstart's
-breast in CC, compressed as there by elements of 3 mm, or by springs of 1 mm on a fixed wall with
-the same moduli; its lesions' ellipsoids; and shifts.npy, [sample, target, 3].
+random places in gland, and is compressed in CC and MLO to the population's thickness, by elements
+with the plates' edge 15 (CC) and 5 mm (MLO) in front of the wall, or by springs as they are by
+default. Written are `shifts.csv`, one line per lesion and view, as soon as a breast is done (a
+second start computes only what is missing), `summary.json` and the picture. `along_mm` is as in
+lesions.csv, where both plates close on the middle of the breast; `from_support_mm` is the same seen
+from the breast support, on which the breast lies. With `--samples` instead: the time of that many
+samples of `targets.uncertainty` for the quickstart's breast in CC, compressed as there by elements
+of 3 mm, or by springs of 1 mm on a fixed wall with the same moduli; its lesions' ellipsoids; and
+shifts.npy, [sample, target, 3].
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ import csv
 import json
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,8 +42,13 @@ from mammosim.targets.biopsy import miss_mm
 from mammosim.targets.origins import mean_shift_mm
 
 DENSITIES = ("fatty", "scattered", "heterogeneous", "dense")
-CLIP_MEDIAN_MM, CLIP_BEYOND_20_PERCENT = 9.5, 21.5
-"""Kass et al. 2002, Am J Surg 184:325: 93 clips; mean 13.5 mm, up to 78 mm."""
+CLIPS: dict[str, tuple[str, list[float], list[float]]] = {
+    "Kass et al. 2002": ("k^", [9.5, 20.0], [50.0, 78.5]),
+    "Uematsu et al. 2012": ("ks", [5.0, 20.0], [58.0, 84.0]),
+    "Wang et al. 2020": ("kD", [20.0], [91.5]),
+}
+"""Marker, mm, and per cent of clips below: Am J Surg 184:325 (93 clips; mean 13.5 mm, up to 78 mm),
+Breast Cancer 19:30 (204), Eur Radiol 30:6080 (176)."""
 
 QUICKSTART = Path(__file__).parents[1] / "configs" / "quickstart.yaml"
 
@@ -47,8 +56,14 @@ THESIS_MM = (8.0, 13.0)
 """How far abnormalities moved under the highest compression of the source thesis."""
 
 
-def shifts_of(seed: int, lesions: int, voxel_mm: float) -> list[dict[str, float | str]]:
-    """One row a lesion and view of one drawn breast."""
+EDGES_MM = {"CC": 15.0, "MLO": 5.0}
+"""Place of the plates' edge in front of the wall with elements, as in the examples."""
+
+
+def shifts_of(
+    seed: int, lesions: int, voxel_mm: float, model: str, elements_mm: float
+) -> list[dict[str, float | str]]:
+    """One row per lesion and view of one drawn breast."""
     density = DENSITIES[seed % len(DENSITIES)]
     settings = PhantomSettings.model_validate(
         {
@@ -62,7 +77,10 @@ def shifts_of(seed: int, lesions: int, voxel_mm: float) -> list[dict[str, float 
     origins = target_origins(breast)
     rows = []
     for view in ("CC", "MLO"):
-        squeezed = compress(breast, view=view, resolution_mm=1.0)
+        keys: dict[str, Any] = {"resolution_mm": 1.0}
+        if model == "hyperelastic":
+            keys = {"resolution_mm": elements_mm, "plate_edge_mm": EDGES_MM[view]}
+        squeezed = compress(breast, view=view, model=model, **keys)
         moved = [mean_shift_mm(squeezed.field, origin) for origin in origins]
         nothing = np.zeros(3)
         raised = squeezed.support_z_mm - bounds_mm(breast, squeezed.view)[0][2]
@@ -123,7 +141,9 @@ def time_samples(count: int, model: str, out: Path) -> None:
     squeezed = compress(breast, view="CC", **given)
     origins = target_origins(breast)
     sampler = Sampler(squeezed, CompressionSettings(**given))
-    samples = draw_samples(UncertaintySettings(samples=count), sampler.groups, "LCC", config.seed)
+    ratio = CompressionSettings(**given).fibres.ratio if sampler.has_fibres else None
+    wanted = UncertaintySettings(samples=count)
+    samples = draw_samples(wanted, sampler.groups, "LCC", config.seed, ratio)
     start, start_cpu = time.perf_counter(), time.process_time()
     shifts = sampled_shifts(sampler, origins, samples)
     seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
@@ -140,6 +160,14 @@ def time_samples(count: int, model: str, out: Path) -> None:
         print(f"{row.name}: {row.samples} samples, mean {mean}, ellipsoid {axes}")
 
 
+def known_rows(path: Path) -> list[dict[str, float | str]]:
+    """Lines of an earlier start."""
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return [dict(row) for row in csv.DictReader(file)]
+
+
 def draw(rows: list[dict[str, float | str]], path: Path) -> None:
     """Cumulative distributions of shift and miss, with what is published."""
     from matplotlib.figure import Figure
@@ -148,14 +176,14 @@ def draw(rows: list[dict[str, float | str]], path: Path) -> None:
     axes = figure.subplots()
     for key, label, colour in (
         ("shift_mm", "shift of a lesion, uncompressed to compressed", "#2f75b5"),
-        ("from_support_mm", "... along the compression axis, from the support", "#6aaae4"),
+        ("from_support_mm", "... along the axis, from the support", "#6aaae4"),
         ("miss_mm", "miss of a needle aimed in the released breast", "#bb6a22"),
     ):
         values = np.sort(np.abs([float(row[key]) for row in rows]))
         share = np.arange(1, values.size + 1) / values.size
         axes.step(values, 100.0 * share, where="post", label=label, color=colour)
-    axes.plot([CLIP_MEDIAN_MM, 20.0], [50.0, 100.0 - CLIP_BEYOND_20_PERCENT], "k^",
-              label="clip migration, Kass et al. 2002: median, 20 mm")  # fmt: skip
+    for name, (marker, length_mm, percent) in CLIPS.items():
+        axes.plot(length_mm, percent, marker, markersize=5, label=f"clip migration, {name}")
     axes.axvspan(*THESIS_MM, color="#888888", alpha=0.2, label="abnormalities of the thesis")
     axes.set_xlabel("mm")
     axes.set_ylabel("per cent of lesions below")
@@ -172,7 +200,8 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--breasts", type=int, default=24)
     parser.add_argument("--lesions", type=int, default=3)
-    parser.add_argument("--voxel-mm", type=float, default=0.8)
+    parser.add_argument("--voxel-mm", type=float, default=1.5)
+    parser.add_argument("--elements", type=float, default=6.0)
     parser.add_argument("--samples", type=int, default=0)
     parser.add_argument("--model", choices=("hyperelastic", "springs"), default="hyperelastic")
     given = parser.parse_args()
@@ -180,15 +209,18 @@ def main() -> None:
     if given.samples:
         time_samples(given.samples, given.model, given.out)
         return
-    rows: list[dict[str, float | str]] = []
-    start = time.perf_counter()
-    for seed in range(1, given.breasts + 1):
-        rows += shifts_of(seed, given.lesions, given.voxel_mm)
+    table = given.out / "shifts.csv"
+    start, done = time.perf_counter(), {int(row["seed"]) for row in known_rows(table)}
+    for seed in sorted(set(range(1, given.breasts + 1)) - done):
+        rows = shifts_of(seed, given.lesions, given.voxel_mm, given.model, given.elements)
+        new = not table.exists()
+        with table.open("a", newline="") as file:
+            writer = csv.DictWriter(file, list(rows[0]))
+            if new:
+                writer.writeheader()
+            writer.writerows(rows)
         print(f"{seed} of {given.breasts}: {time.perf_counter() - start:.0f} s", flush=True)
-    with (given.out / "shifts.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    rows = known_rows(table)
     found = summary(rows)
     (given.out / "summary.json").write_text(json.dumps(found, indent=2) + "\n")
     draw(rows, given.out / "biopsy-shift.png")
