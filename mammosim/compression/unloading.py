@@ -105,8 +105,8 @@ def unload(
 
     Notes
     -----
-    Fixed-point iteration on the nodes x of the elements (Sellier 2011, Struct Multidisc Optim
-    43:469, iterates the reference shape like this): with u the displacement of the shape X under
+    Fixed-point iteration on the nodes x of the elements (as Sellier 2011, J Fluids Struct
+    27:1461): with u the displacement of the shape X under
     its weight, X becomes X - (X + u(X) - x). Between two passes the voxels are carried to the new
     X, each to the nearest voxel's label. The step is halved where it brings the shape no nearer.
     """
