@@ -25,9 +25,17 @@ FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uf
 
 
 def write_lesions(targets: Sequence[Target], path: str | PathLike[str]) -> None:
-    """Write one row a target and view, with the columns of `Target`.
+    """Write `lesions.csv`: one row per target and view.
 
-    Lengths have four decimals; what is not known is empty.
+    Parameters
+    ----------
+    targets : sequence of Target
+    path : path
+
+    Notes
+    -----
+    The columns are the fields of `Target`, which name their units. Lengths have four decimals; what
+    is not known is empty.
     """
     write_table(Target, targets, path)
 

@@ -132,10 +132,21 @@ def sampled_shifts(
     samples: Sequence[Sample],
     watch: Callable[[int, np.void], None] | None = None,
 ) -> NDArray[np.float64]:
-    """Shift of each target in each sample, [sample, target, 3], breast frame, mm.
+    """Shift of each target in each sample of the uncertain inputs.
 
-    NaN where the solver did not reach its tolerance. `watch` is told each sample's number with
-    each row of its history.
+    Parameters
+    ----------
+    sampler : Sampler
+        Compresses the breast with a sample's stiffness, plates and lattice.
+    origins : sequence of Origin
+    samples : sequence of Sample
+    watch : callable, optional
+        Is called with each sample's number and each row of its history.
+
+    Returns
+    -------
+    ndarray, [sample, target, 3]
+        Breast frame, mm; NaN where the solver did not reach its tolerance.
     """
     shifts = np.full((len(samples), len(origins), 3), np.nan)
     for number, sample in enumerate(samples):

@@ -63,7 +63,25 @@ def scatter_by_monte_carlo(case: ScatterCase) -> Scatter:
 
 
 def follow_through(case: ScatterCase) -> Scatter:
-    """Monte Carlo through an available breast."""
+    """Scatter and dose by following photons through the breast, paddle and support.
+
+    Parameters
+    ----------
+    case : ScatterCase
+        Exposure, with the compressed breast at hand.
+
+    Returns
+    -------
+    Scatter
+        Signal in front of the grid and, with a grid, behind it, keV/(pixel mAs), [row, column] of
+        the case's cells; its standard error and the dose of each tissue.
+
+    Notes
+    -----
+    The scores are smoothed relative to an expected shape, below the breast and beside it apart, so
+    that the leak across its edge stays small. Photons are followed through a coarse copy of the
+    breast: structures smaller than its voxels scatter like their mean.
+    """
     scene, tables, tallies, spectrum = transported(case)
     guide = Guide(*shape_of_scatter(case, scene, tables, spectrum, tallies.margin), case.cell_mm)
     pixel_mm2 = case.gantry.pixel_mm**2

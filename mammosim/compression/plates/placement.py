@@ -47,7 +47,19 @@ def population_thickness_mm(view: str, volume_ml: float) -> float:
 def held_tissue(settings: CompressionSettings, breast: BreastPhantom) -> tuple[Reach, bool]:
     """How far chest wall and muscle reach, and whether labelled muscle is held.
 
-    Muscle is held by the settings or, where they are silent, if it does not reach far forward.
+    Parameters
+    ----------
+    settings : CompressionSettings
+        `chest_wall_mm` and `muscle` win over what the voxels show.
+    breast : BreastPhantom
+
+    Returns
+    -------
+    reach : Reach
+        Breast-frame x of the chest wall, the muscle's front and the tissue's, mm.
+    muscle_fixed : bool
+        As the settings say; where they are silent, muscle is held if it reaches less than
+        `MUSCLE_REACH_MM` in front of the chest wall.
     """
     reach = tissue_front(breast)
     if settings.chest_wall_mm is not None:

@@ -118,8 +118,20 @@ class Plan:
 def make_plan(config: RunConfig) -> Plan:
     """Plan a run from its configuration alone.
 
+    Parameters
+    ----------
+    config : RunConfig
+
+    Returns
+    -------
+    Plan
+        What `mammosim check` says: a line per breast and view, memory in GB, the time of each stage
+        on two cores, and warnings.
+
+    Notes
+    -----
     The size of a phantom is read from its header or from the generator's settings; nothing is
-    computed.
+    computed. Time and memory are figures measured per voxel, node and pixel, times their numbers.
     """
     both = len(config.sides) > 1
     sides = [_plan_side(one, str(one.first_side) if both else "") for one in config.sides]
