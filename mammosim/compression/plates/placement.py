@@ -56,9 +56,9 @@ def held_tissue(settings: CompressionSettings, breast: BreastPhantom) -> tuple[R
     Returns
     -------
     reach : Reach
-        Breast-frame x of the chest wall, the muscle's front and the tissue's, mm.
+        Breast-frame x of the faces of chest wall and muscle, mm.
     muscle_fixed : bool
-        As the settings say; where they are silent, muscle is held if it reaches less than
+        As the settings say; where they are silent, muscle is held if it reaches at most
         `MUSCLE_REACH_MM` in front of the chest wall.
     """
     reach = tissue_front(breast)
