@@ -18,7 +18,7 @@ AIR_LEVEL = 0.04
 CONTOUR_SIGMA_MM = 1.5
 """Depths are smoothed by this much, because the edge of the mask is a staircase."""
 
-OUTLINE_RADIUS_MM = 20.0
+OUTLINE_RADIUS_MM = 35.0
 """What no disc of this radius reaches protrudes from the outline: a nipple in profile."""
 
 MIN_NIPPLE_MM = 1.0
