@@ -199,6 +199,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--breasts", type=int, default=24)
+    parser.add_argument("--first", type=int, default=1, help="seed to begin with")
     parser.add_argument("--lesions", type=int, default=3)
     parser.add_argument("--voxel-mm", type=float, default=1.5)
     parser.add_argument("--elements", type=float, default=6.0)
@@ -211,7 +212,7 @@ def main() -> None:
         return
     table = given.out / "shifts.csv"
     start, done = time.perf_counter(), {int(row["seed"]) for row in known_rows(table)}
-    for seed in sorted(set(range(1, given.breasts + 1)) - done):
+    for seed in sorted(set(range(given.first, given.breasts + 1)) - done):
         rows = shifts_of(seed, given.lesions, given.voxel_mm, given.model, given.elements)
         new = not table.exists()
         with table.open("a", newline="") as file:

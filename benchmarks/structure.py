@@ -1,6 +1,6 @@
 """Effect of each part of the model: skin, fascia, fibres, weight, tilt.
 
-    python benchmarks/structure.py [--elements 5]
+    python benchmarks/structure.py [--elements 5] [--breasts 1 2 3]
 
 Compresses three generated breasts (200, 500 and 1000 mL) in CC to the thickness of the population
 fit, with one part changed at a time, and compares with the defaults: force, contact area, how far
@@ -47,8 +47,11 @@ def main() -> None:
     """Print a table for each breast."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--elements", type=float, default=5.0)
-    elements = parser.parse_args().elements
-    for seed, (density, volume_ml) in enumerate(BREASTS, start=1):
+    parser.add_argument("--breasts", type=int, nargs="+", choices=(1, 2, 3), default=[1, 2, 3])
+    given = parser.parse_args()
+    elements = given.elements
+    for seed in given.breasts:
+        density, volume_ml = BREASTS[seed - 1]
         breast = mammosim.generate_phantom(
             density=density, volume_ml=volume_ml, voxel_mm=1.5, seed=seed, laterality="L"
         )

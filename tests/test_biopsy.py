@@ -225,7 +225,7 @@ def test_a_posture_says_where_lesions_lie_without_plates(folder, tmp_path):
 
 BAD = [
     ({"view": "same"}, "view: same needs thickness_mm or force_n"),
-    ({"view": "none", "thickness_mm": 40}, "view: none has no plates, so thickness_mm must be"),
+    ({"view": "none", "thickness_mm": 40}, "no plates, so thickness_mm must not be given"),
     ({"view": "CC", "thickness_mm": 40, "force_n": 90}, "give one of thickness_mm and force_n"),
     ({"view": "CC", "posture": "prone"}, "posture: prone needs view: none"),
     ({"posture": "sitting"}, "targets.biopsy.posture: found 'sitting'"),
