@@ -24,7 +24,7 @@ class Work:
     doi : str
         Digital object identifier; empty where there is none or it is not known.
     checked : str
-        Where the entry was looked up, and what of it was not shown there; empty: not found.
+        Where the entry was looked up, and what of it was not shown there; empty: not yet.
     numbers : str
         Which of the numbers taken from it were seen, and where in it.
     cited_as : tuple of str

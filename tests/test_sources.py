@@ -44,9 +44,9 @@ def test_every_citation_is_in_the_bibliography_and_every_entry_is_cited(sources)
     assert [key for key in works() if not where.get(key)] == []
 
 
-def test_the_page_holds_every_work_and_says_what_was_not_found(sources):
+def test_the_page_holds_every_work_and_says_what_was_not_confirmed(sources):
     page = sources.sources_page()
-    found, rest = page.split("## Not found")
+    found, rest = page.split("## Not confirmed")
     for work in works().values():
         assert work.citation in (found if work.checked else rest)
         assert not work.numbers or work.checked, work.key

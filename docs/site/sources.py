@@ -156,9 +156,9 @@ def sources_page() -> str:
         "which of the numbers that are taken from the work were seen. Mostly only an abstract was "
         "read: where nothing else is said, tables, equations and figures were not compared.",
         "\n".join(_entry(work, where[work.key]) for work in checked),
-        f"## Not found ({len(others)})",
-        "These stand as the authors of the code know them. Neither the entries nor the numbers "
-        "taken from them were checked.",
+        f"## Not confirmed ({len(others)})",
+        "Looked for without success, or not looked up yet: these stand as the authors of the code "
+        "know them. Neither the entries nor the numbers taken from them were checked.",
         "\n".join(_entry(work, where[work.key]) for work in others),
         "## Assumed",
         "Values that the code itself calls assumed, chosen by eye or from memory: these have no "
