@@ -61,7 +61,7 @@ def run(
     ] = None,
     resume: Annotated[bool, typer.Option(help="Continue with what is in the folder.")] = False,
 ) -> None:
-    """Make all patients of a cohort, and one table of all."""
+    """Simulate all patients of a cohort and write one table."""
     with exit_status():
         from mammosim.cohort import cohort_status, load_cohort, run_cohort
 
@@ -82,7 +82,7 @@ def run(
 def status(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A cohort's folder.")],
 ) -> None:
-    """Tell what is in a cohort's folder."""
+    """Show the state of a cohort's folder."""
     with exit_status(result_is_text=True):
         from mammosim.cohort import cohort_status
 

@@ -41,10 +41,10 @@ def locate(
         typer.Option(min=0.1, max=50.0, help="Step along the curve that one pixel gives, mm."),
     ] = 5.0,
 ) -> None:
-    """From one or two mammograms back to the uncompressed breast.
+    """Locate pixels of one or two mammograms in the uncompressed breast.
 
-    One pixel gives the curve of points that it may show, with --height-mm a point; two of
-    different views, or of one view under two tube angles, the point where they meet.
+    One pixel gives the curve of points that it may show, or with --height-mm one point. Two
+    pixels of different views, or of one view at two tube angles, give the point where they meet.
     """
     with exit_status(result_is_text=True):
         from mammosim.cli.located_lines import located_lines

@@ -37,7 +37,7 @@ def info(
     voxel_mm: VoxelMm = None,
     reduce: Reduce = 1,
 ) -> None:
-    """Size, voxel, extent, volume per tissue, orientation, side and lesions of a phantom."""
+    """Show size, voxel size, extent, tissue volumes, orientation, side and lesions of a phantom."""
     with exit_status(result_is_text=True):
         from mammosim.phantom import phantom_summary, read_phantom
 
@@ -72,9 +72,9 @@ def convert(
     voxel_mm: VoxelMm = None,
     reduce: Reduce = 1,
 ) -> None:
-    """Write a phantom in another format, voxel by voxel at the same place.
+    """Write a phantom in another format, with the same voxels at the same positions.
 
-    With --labels its values become mammosim's own labels, else they stay as they are.
+    With --labels, its values become mammosim's own labels; otherwise they do not change.
     """
     with exit_status():
         from mammosim.export import convert_volume

@@ -200,7 +200,7 @@ def check(
         typer.Option("--set", metavar="SECTION.KEY=VALUE", help="Another value for a key."),
     ] = None,
 ) -> None:
-    """Validate a configuration and print the plan, without computing anything."""
+    """Check a configuration and print the plan, without simulating anything."""
     with exit_status(result_is_text=True):
         from mammosim.config import read_yaml
         from mammosim.pipeline import is_cohort
@@ -241,7 +241,7 @@ def serve(
     port: Annotated[int, typer.Option(min=1024, max=65535, help="Port of the page.")] = 8765,
     runs: Annotated[Path, typer.Option(help="Folder of earlier and new runs.")] = Path("runs"),
 ) -> None:
-    """Open a local page to set up, watch and look at runs (needs mammosim[serve])."""
+    """Open a local page to set up, watch and view runs (needs the extra serve)."""
     with exit_status(), _examples() as folder:
         from mammosim.serve import serve as serve_page
 
