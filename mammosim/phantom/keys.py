@@ -109,9 +109,9 @@ class PhantomKeys(TypedDict, total=False):
     labelled plates (50), the only view of the run."""
 
     shaped_under: Literal["none", "standing", "prone", "supine"]
-    """Posture under whose weight the breast has the shape that its voxels show, as `prone` in MRI
-    or `supine` in CT; the model `hyperelastic` frees it from that weight first (experimental).
-    `none`: the shape is taken as free of weight, as generated breasts are meant. Default: none."""
+    """Posture under whose weight the breast has the shape of its voxels, such as `prone` in MRI or
+    `supine` in CT; the model `hyperelastic` first removes this weight (experimental). `none`: the
+    shape is free of weight, as in generated breasts. Default: none."""
 
     lesions_from_labels: FoundLesionSettings | FoundLesionKeys
     """Which mass voxels of the file form one lesion."""

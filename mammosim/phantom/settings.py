@@ -156,9 +156,9 @@ class PhantomSettings(Settings):
     labelled plates (50), the only view of the run."""
 
     shaped_under: Literal["none", "standing", "prone", "supine"] = "none"
-    """Posture under whose weight the breast has the shape that its voxels show, as `prone` in MRI
-    or `supine` in CT; the model `hyperelastic` frees it from that weight first (experimental).
-    `none`: the shape is taken as free of weight, as generated breasts are meant."""
+    """Posture under whose weight the breast has the shape of its voxels, such as `prone` in MRI or
+    `supine` in CT; the model `hyperelastic` first removes this weight (experimental). `none`: the
+    shape is free of weight, as in generated breasts."""
 
     lesions_from_labels: FoundLesionSettings = FoundLesionSettings()
     """Which mass voxels of the file form one lesion."""

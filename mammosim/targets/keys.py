@@ -54,9 +54,9 @@ class UncertaintyKeys(TypedDict, total=False):
     mm, uniform. Default: 5.0."""
 
     fibre_ratio: float
-    """Largest ratio of the stiffness along fibres to that across them (model `hyperelastic`),
-    evenly drawn between 1 and this, or between 1 and twice `compression.fibres.ratio` less 1 where
-    that is more (assumed); 1: as in the compression. Default: 3.0."""
+    """Largest ratio of the stiffness along fibres to that across them (model `hyperelastic`), drawn
+    uniformly between 1 and this value, or between 1 and twice `compression.fibres.ratio` minus 1 if
+    that is larger (assumed); 1: as in the compression. Default: 3.0."""
 
     lattice: bool
     """Also shift the lattice by up to half its spacing, to include the effect of its stepped

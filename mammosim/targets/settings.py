@@ -77,9 +77,9 @@ class UncertaintySettings(Settings):
     # Nobody measured it in women. Simulations came nearest to compressed breasts with tissue that
     # is stiffer from front to back (Tanner et al. 2011, Med Phys 38:682).
     fibre_ratio: float = Field(default=3.0, ge=1, le=20)
-    """Largest ratio of the stiffness along fibres to that across them (model `hyperelastic`),
-    evenly drawn between 1 and this, or between 1 and twice `compression.fibres.ratio` less 1 where
-    that is more (assumed); 1: as in the compression."""
+    """Largest ratio of the stiffness along fibres to that across them (model `hyperelastic`), drawn
+    uniformly between 1 and this value, or between 1 and twice `compression.fibres.ratio` minus 1 if
+    that is larger (assumed); 1: as in the compression."""
 
     lattice: bool = True
     """Also shift the lattice by up to half its spacing, to include the effect of its stepped
