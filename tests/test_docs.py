@@ -81,6 +81,15 @@ def test_commands_in_the_pages_exist():
                 assert {word for word in words if word.startswith("--")} <= known, line
 
 
+def test_the_run_that_an_image_is_built_with_is_a_valid_one():
+    text = (DOCS / "Dockerfile").read_text(encoding="utf-8")
+    changes = re.findall(r"--set (\S+)", text)
+    assert len(changes) == text.count("--set") > 0
+    config = load_config(DOCS.parent / "configs" / "quickstart.yaml", changes)
+    assert config.phantom.generate.voxel_mm >= 1, "quick to build"
+    assert config.compression.model == "hyperelastic", "check has those of springs"
+
+
 def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
     pytest.importorskip("mkdocs", reason="pip install mammosim[docs]")
     pytest.importorskip("mkdocstrings_handlers.python", reason="pip install mammosim[docs]")

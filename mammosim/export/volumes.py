@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import gzip
 import shutil
-import zlib
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
@@ -33,6 +32,9 @@ LPS_FROM_BREAST: NDArray[np.float64] = np.array(
 """(3, 3) rotation from breast-frame vectors to LPS."""
 
 _BYTES_AT_ONCE = 1 << 24
+
+GZIP_LEVEL = 1
+"""Of NIfTI files. Labels of 28 MB take 0.12 s and 3.1 MB with it, 0.57 s and 2.4 MB with 6."""
 
 
 def write_labels(
@@ -273,25 +275,33 @@ def _write_scalars(
 
 def _write(image: sitk.Image, path: str | PathLike[str], data_bytes: int) -> None:
     with whole_file(path) as part:
-        try:
-            sitk.WriteImage(image, utf8_path(part), useCompression=True)
-        except RuntimeError as error:
-            raise OSError(str(error).strip().splitlines()[-1]) from error
-        # Of its formats, ITK does not notice a full disk where it writes NIfTI.
-        if ".nii" in part.suffixes and _nifti_bytes(part) < data_bytes:
-            free_mb = shutil.disk_usage(part.parent).free // 1_000_000
-            raise OSError(f"written incompletely; {free_mb} MB free on the disk")
+        if part.name.endswith(".nii.gz"):
+            plain = part.with_suffix("")
+            try:
+                _write_by_itk(image, plain, data_bytes)
+                _zip(plain, part)
+            finally:
+                plain.unlink(missing_ok=True)
+        else:
+            _write_by_itk(image, part, data_bytes)
 
 
-def _nifti_bytes(path: Path) -> int:
-    """Size of a NIfTI file's content; 0 where it is zipped and breaks off."""
-    if path.suffix != ".gz":
-        return path.stat().st_size
-    size = 0
+def _write_by_itk(image: sitk.Image, path: Path, data_bytes: int) -> None:
     try:
-        with gzip.open(path) as stream:
-            while block := stream.read(_BYTES_AT_ONCE):
-                size += len(block)
-    except (EOFError, gzip.BadGzipFile, zlib.error):
-        return 0
-    return size
+        sitk.WriteImage(image, utf8_path(path), useCompression=True)
+    except RuntimeError as error:
+        raise OSError(str(error).strip().splitlines()[-1]) from error
+    # Of its formats, ITK does not notice a full disk where it writes NIfTI.
+    if path.suffix == ".nii" and path.stat().st_size < data_bytes:
+        free_mb = shutil.disk_usage(path.parent).free // 1_000_000
+        raise OSError(f"written incompletely; {free_mb} MB free on the disk")
+
+
+def _zip(plain: Path, zipped: Path) -> None:
+    """Compress a file; the same content gives the same bytes, whenever and by what name."""
+    with (
+        plain.open("rb") as source,
+        zipped.open("wb") as target,
+        gzip.GzipFile("", "wb", GZIP_LEVEL, target, mtime=0) as stream,
+    ):
+        shutil.copyfileobj(source, stream, _BYTES_AT_ONCE)
