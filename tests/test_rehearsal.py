@@ -145,6 +145,7 @@ def test_one_that_fails_costs_no_run(settings, started, monkeypatch):
     ("cores", "megabytes", "kept"), [(1, 64_000, True), (2, 700, True), (2, 64_000, False)]
 )
 def test_it_is_not_started_where_it_cannot_help(cores, megabytes, kept, monkeypatch):
+    monkeypatch.setattr(beside, "is_command", lambda: True)
     monkeypatch.setattr(beside, "_cores", lambda: cores)
     monkeypatch.setattr("mammosim.phantom.available_bytes", lambda: megabytes * 1_000_000)
     monkeypatch.setattr("mammosim._kernel_cache.can_be_kept", lambda: kept)
@@ -152,6 +153,8 @@ def test_it_is_not_started_where_it_cannot_help(cores, megabytes, kept, monkeypa
 
 
 def test_it_is_started_where_it_helps(monkeypatch):
+    assert not beside.is_command(), "these tests are another program"
+    monkeypatch.setattr(beside, "is_command", lambda: True)
     monkeypatch.setattr(beside, "_cores", lambda: 2)
     monkeypatch.setattr("mammosim.phantom.available_bytes", lambda: None)
     monkeypatch.setattr("mammosim._kernel_cache.can_be_kept", lambda: True)

@@ -9,6 +9,8 @@ import sys
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+from mammosim.cli.terminal import is_command
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -30,8 +32,8 @@ ENDS_WITHIN_S = 5.0
 def rehearsing(settings: RunConfig, plan: Plan) -> Iterator[None]:
     """Start that process when the run has to compile a kernel, and end it with the run.
 
-    Where all kernels are kept already, where nothing can be kept, on a single core, or with too
-    little memory, it is not started.
+    Where all kernels are kept already, where nothing can be kept, on a single core, with too little
+    memory, or in another program than the command, it is not started.
 
     Parameters
     ----------
@@ -65,7 +67,7 @@ def _has_room(plan: Plan) -> bool:
     from mammosim._kernel_cache import can_be_kept
     from mammosim.phantom import available_bytes
 
-    if not can_be_kept() or _cores() < 2 or not sys.executable:
+    if not is_command() or not can_be_kept() or _cores() < 2 or not sys.executable:
         return False
     available = available_bytes()
     return available is None or available > plan.memory_gb * 1e9 + MEMORY_BYTES

@@ -38,10 +38,13 @@ out = Console(soft_wrap=True, markup=False, emoji=False, highlight=False)
 err = Console(stderr=True, soft_wrap=True, markup=False, emoji=False, highlight=False)
 _debug = False
 _result_is_text = True
+_is_command = False
 
 
 def main() -> None:
     """Entry point of the command `mammosim`."""
+    global _is_command
+    _is_command = True
     hold_standard_streams()
     if not in_utf8_mode():
         restart_in_utf8_mode()
@@ -61,6 +64,11 @@ def main() -> None:
         status = 0  # Click's own status where the reader has gone
     errors.flush()
     sys.exit(status)
+
+
+def is_command() -> bool:
+    """Whether this process is the command itself, and not a program that calls its functions."""
+    return _is_command
 
 
 def _refuse_odd_arguments(arguments: list[str]) -> None:
