@@ -57,7 +57,20 @@ def wall(net, place_mm, slope):
     with np.errstate(divide="ignore", invalid="ignore"):
         gap = (power - power[own]) / steep
     gap[own] = np.inf
-    return gap.min(), fatness[own]
+    return np.sort(gap)[:2], fatness[own]
+
+
+def rounded(gaps, rounding_mm):
+    """Distance to the nearest wall, less where a second one is near: corners become round."""
+    first, second = np.minimum(gaps, 1.3 * rounding_mm)
+    return first - 0.25 * rounding_mm * max(1.0 - (second - first) / rounding_mm, 0.0) ** 2
+
+
+def pushed(net, place_mm, slope, depth_mm):
+    """How strongly the lobule at a place pushes gland aside."""
+    gaps, fatness = wall(net, place_mm, slope)
+    part = min(max(rounded(gaps, depth_mm) / depth_mm, 0.0), 1.0)
+    return fatness * part * (2.0 - part)
 
 
 def gland_potential(texture, origin_mm, coarse_mm, point_mm):
@@ -96,15 +109,16 @@ def _full_potential(texture, corners, node, place, coarse_mm):
     for octave, (amplitude, per) in enumerate(
         zip(texture.fan_amplitude, texture.fan_per_radian, strict=True)
     ):
-        seen = [np.log(r) / 5.0 * per, -towards[1] / r * per, -towards[2] / r * per]
+        seen = [np.log(r) / 3.0 * per, -towards[1] / r * per, -towards[2] / r * per]
         noise += amplitude * gradient_noise(seen, texture.key + octave)
     for octave, (amplitude, grain) in enumerate(
         zip(texture.grain_amplitude, texture.grain_mm, strict=True)
     ):
         noise += amplitude * gradient_noise(place / grain, texture.key + 64 + octave)
-    gap, fatness = wall(texture.coarse, values[5:8], slope)
-    part = min(gap / texture.lobule_mm, 1.0)
-    pull = texture.lobule_amplitude * fatness * part * (2.0 - part)
+    share = texture.fine_lobules
+    pull = pushed(texture.coarse, values[5:8], slope, texture.lobule_mm)
+    pull += share * pushed(texture.fine, values[5:8], slope, share * texture.lobule_mm)
+    pull *= texture.lobule_amplitude
     return values[2] + np.clip(noise, -texture.noise_limit, texture.noise_limit) - pull
 
 
@@ -118,7 +132,7 @@ def grain(texture, origin_mm, coarse_mm, point_mm):
         for c in itertools.product((0, 1), repeat=3)
     ]
     bent = np.tensordot(weights, corners.reshape(8, -1), axes=1)[5:8]
-    cell = np.floor(bent * [5.0 * 0.55, 5.0, 5.0]).astype(int) % 128
+    cell = np.floor(bent * [5.0 * 0.7, 5.0, 5.0]).astype(int) % 128
     return texture.tile_scale * texture.grain_tile[tuple(cell)]
 
 

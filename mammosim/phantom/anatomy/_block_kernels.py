@@ -51,6 +51,7 @@ class Texture(NamedTuple):
     fine: Net
     bundles: Net
     fine_septum: float
+    fine_lobules: float
     apex_mm: NDArray[np.float64]
     fan_amplitude: NDArray[np.float64]
     fan_per_radian: NDArray[np.float64]

@@ -10,7 +10,7 @@ from mammosim._jit import merged_kernel
 TILE = 128
 """Side of the tile, a power of two, so that repeating it is a mask."""
 
-ALONG = 0.55
+ALONG = 0.7
 """Scale of the tile's first axis, along which structure is longer by its inverse: towards the
 nipple in gland, along the fibres in muscle."""
 

@@ -29,15 +29,15 @@ MAX_APART = 2.2
 cell at the block's centre."""
 
 
-EDGE_SHARE, MAX_EDGE = 0.8, 1.4
-"""Radius of the thread in which walls meet, against their mean thickness, and the most that unequal
-walls change it. Chosen by eye on projections."""
+ABSENT_WALLS, MAX_WALL = 0.30, 2.6
+"""Share of walls that are missing, so that lobules run together, and the most by which a wall is
+thicker than the mean."""
+
+ROUNDING_REACH = 1.3
+"""Distance from walls beyond which they round no corner, against the rounding."""
 
 CONE = 1.7320508
 """Base of a cone of `thread_fill` that is 1 in the middle, against the thread's radius: sqrt 3."""
-
-EDGE_REACH = CONE * EDGE_SHARE * MAX_EDGE
-"""How far from the edge it fills voxels, against the mean thickness of the walls."""
 
 
 class Net(NamedTuple):
@@ -49,17 +49,19 @@ class Net(NamedTuple):
 
 
 class Near(NamedTuple):
-    """Cells of a net near a block: place and constant of each, fatness, and pairs of them.
+    """Cells of a net near a block: place and constant of each, fatness, tag, and pairs of them.
 
     `place` is (n, 4): x, y, z and |x|^2 - weight, so that q = place[3] - 2 x . place is smallest
     for the cell that holds x. `pair` is (n, n, 2): by what a difference of q must be multiplied to
-    be a distance from their wall in mm, and the wall's thickness against the mean.
+    be a distance from their wall in mm, and the wall's thickness against the mean. `scale` is the
+    least of these factors of each cell, which bounds its distance from all walls.
     """
 
     place: NDArray[np.float64]
     fatness: NDArray[np.float64]
     tag: NDArray[np.float64]
     pair: NDArray[np.float64]
+    scale: NDArray[np.float64]
 
 
 @kernel
@@ -67,7 +69,7 @@ def new_near() -> Near:
     """Room for the cells near a block."""
     return Near(
         np.empty((MAX_NEAR, 4)), np.empty(MAX_NEAR), np.empty(MAX_NEAR),
-        np.empty((MAX_NEAR, MAX_NEAR, 2)),
+        np.empty((MAX_NEAR, MAX_NEAR, 2)), np.empty(MAX_NEAR),
     )  # fmt: skip
 
 
@@ -143,6 +145,7 @@ def gather(
 def _pairs(near: Near, n: int, cell_mm: float, slope: NDArray[np.float64]) -> None:
     """Scale of distance and thickness of the wall between each two of the gathered cells."""
     for a in range(n):
+        near.scale[a] = np.inf
         for b in range(a):
             dx = near.place[b, 0] - near.place[a, 0]
             dy = near.place[b, 1] - near.place[a, 1]
@@ -153,39 +156,70 @@ def _pairs(near: Near, n: int, cell_mm: float, slope: NDArray[np.float64]) -> No
             # The difference of q changes by twice this a real mm, once in cells.
             steep = np.sqrt(gx * gx + gy * gy + gz * gz)
             near.pair[a, b, 0] = near.pair[b, a, 0] = 0.5 * cell_mm / max(steep, 1e-9)
+            near.scale[a] = min(near.scale[a], near.pair[a, b, 0])
+            near.scale[b] = min(near.scale[b], near.pair[a, b, 0])
             odd = near.tag[a] + near.tag[b]
             odd -= np.floor(odd)
-            near.pair[a, b, 1] = near.pair[b, a, 1] = 0.2 + 2.4 * odd * odd
+            near.pair[a, b, 1] = near.pair[b, a, 1] = _wall_strength(odd)
+
+
+@merged_kernel
+def _wall_strength(odd: float) -> float:
+    """Thickness of a wall against the mean from an even random number: none, or long-tailed."""
+    if odd < ABSENT_WALLS:
+        return 0.0
+    part = (odd - ABSENT_WALLS) / (1.0 - ABSENT_WALLS)
+    return 0.35 + (MAX_WALL - 0.35) * part * part * part
 
 
 @merged_kernel
 def _holding_cell(
     place: NDArray[np.float64], n: int, x: float, y: float, z: float
-) -> tuple[int, float]:
-    """Which of the cells holds a point of the lattice, and its q there (see `Near`)."""
-    inside, least = 0, np.inf
+) -> tuple[int, float, float]:
+    """Which of the cells holds a point of the lattice, its q there (see `Near`) and the next q."""
+    inside, least, second = 0, np.inf, np.inf
     for a in range(n):
         q = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
         if q < least:
-            inside, least = a, q
-    return inside, least
+            inside, least, second = a, q, least
+        elif q < second:
+            second = q
+    return inside, least, second
 
 
 @merged_kernel
 def wall_distance(
-    place: NDArray[np.float64], pair: NDArray[np.float64], n: int, x: float, y: float, z: float
+    near: Near, n: int, x: float, y: float, z: float, rounding_mm: float
 ) -> tuple[float, int]:
     """Distance to the nearest wall of a net, mm, and which of the cells holds a point.
 
-    x, y, z are net coordinates in lattice cells.
+    x, y, z are net coordinates in lattice cells. Near an edge the distance is less, so that where
+    it has one value the cell's corners are round: a polynomial smooth minimum of two, of which no
+    distance above `ROUNDING_REACH` roundings counts, so that cells farther away need not be known.
     """
-    inside, least = _holding_cell(place, n, x, y, z)
-    gap = np.inf
+    place, pair = near.place, near.pair
+    inside, least, after = _holding_cell(place, n, x, y, z)
+    far = ROUNDING_REACH * rounding_mm
+    if (after - least) * near.scale[inside] >= far:
+        return far, inside
+    gap, second = far, far
     for b in range(n):
         if b != inside:
             q = place[b, 3] - 2.0 * (place[b, 0] * x + place[b, 1] * y + place[b, 2] * z)
-            gap = min(gap, (q - least) * pair[inside, b, 0])
+            other = (q - least) * pair[inside, b, 0]
+            if other < gap:
+                gap, second = other, gap
+            elif other < second:
+                second = other
+    if second - gap < rounding_mm:
+        gap -= 0.25 * rounding_mm * (1.0 - (second - gap) / rounding_mm) ** 2
     return gap, inside
+
+
+@merged_kernel
+def wall_reach(thick_mm: float, voxel_mm: float) -> float:
+    """Distance from the walls of a net up to which it may fill voxels, mm."""
+    return 0.5 * (MAX_WALL * thick_mm + voxel_mm)
 
 
 @merged_kernel
@@ -207,32 +241,19 @@ def thread_fill(gap_mm: float, radius_mm: float, voxel_mm: float) -> float:
 
 @merged_kernel
 def wall_fill(
-    place: NDArray[np.float64], pair: NDArray[np.float64], n: int, x: float, y: float, z: float,
-    thick_mm: float, voxel_mm: float,
+    place: NDArray[np.float64], pair: NDArray[np.float64], scale: NDArray[np.float64], n: int,
+    x: float, y: float, z: float, thick_mm: float, voxel_mm: float,
 ) -> float:  # fmt: skip
-    """Part of a voxel that walls of a mean thickness fill: the overlap of slab and voxel.
-
-    Where three cells meet, a thread runs along the edge. Its distance is that of a point to the
-    line in which two walls meet at 120 degrees, as walls under tension do (Plateau).
-    """
-    inside, least = _holding_cell(place, n, x, y, z)
+    """Part of a voxel that walls of a mean thickness fill: the overlap of slab and voxel."""
+    inside, least, second = _holding_cell(place, n, x, y, z)
     fill, wide = 0.0, 0.5 * voxel_mm
-    near, next_near, strong, next_strong = 1e9, 1e9, 0.0, 0.0
+    if (second - least) * scale[inside] >= wall_reach(thick_mm, voxel_mm):
+        return fill
     for b in range(n):
         if b != inside:
-            strength = pair[inside, b, 1]
-            half = 0.5 * thick_mm * strength
+            half = 0.5 * thick_mm * pair[inside, b, 1]
             q = place[b, 3] - 2.0 * (place[b, 0] * x + place[b, 1] * y + place[b, 2] * z)
             gap = (q - least) * pair[inside, b, 0]
-            if gap < half + wide:
+            if gap < half + wide and half > 0.0:
                 fill = max(fill, (min(gap + wide, half) - max(gap - wide, -half)) / voxel_mm)
-            if gap < near:
-                next_near, next_strong = near, strong
-                near, strong = gap, strength
-            elif gap < next_near:
-                next_near, next_strong = gap, strength
-    if next_near < 1e8:
-        edge = np.sqrt(max(near * near + next_near * next_near - near * next_near, 0.0) / 0.75)
-        radius = EDGE_SHARE * thick_mm * min(0.5 * (strong + next_strong), MAX_EDGE)
-        fill = max(fill, thread_fill(edge, radius, voxel_mm))
     return fill

@@ -26,7 +26,7 @@ from mammosim.phantom.anatomy._block_kernels import (
 )
 from mammosim.phantom.anatomy._fill_kernels import fill_of
 from mammosim.phantom.anatomy._grain_kernels import grain_at
-from mammosim.phantom.anatomy._net_kernels import EDGE_REACH, gather, wall_distance
+from mammosim.phantom.anatomy._net_kernels import ROUNDING_REACH, Near, Net, gather, wall_distance, wall_reach
 from mammosim.phantom.anatomy._noise_kernels import gradient_noise, lattice_hash
 from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut
 
@@ -42,9 +42,9 @@ def strands(texture: Texture, x: float, y: float, z: float) -> float:
     total = 0.0
     dx, dy, dz = texture.apex_mm[0] - x, y - texture.apex_mm[1], z - texture.apex_mm[2]
     r = np.sqrt(dx * dx + dy * dy + dz * dz) + 1.0
-    along = np.log(r) / 5.0
+    along = np.log(r) / 3.0
     for octave in range(texture.fan_amplitude.size):
-        # Strands run towards the nipple: noise in direction and, five times slower, distance.
+        # Strands run towards the nipple: noise in direction and, three times slower, distance.
         per = texture.fan_per_radian[octave]
         total += texture.fan_amplitude[octave] * gradient_noise(
             along * per, dy / r * per, dz / r * per, texture.key + octave
@@ -93,34 +93,52 @@ def _stretch(slope: NDArray[np.float64]) -> float:
 
 @merged_kernel
 def potential_at(
-    texture: Texture, block: Block, n: int, at: NDArray[np.float64], origin: NDArray[np.float64],
-    coarse_mm: float,
+    texture: Texture, block: Block, n: tuple[int, int], at: NDArray[np.float64],
+    origin: NDArray[np.float64], coarse_mm: float,
 ) -> float:  # fmt: skip
     """Full potential at a place (u, v, w) of a block whose walls have been gathered."""
     u, v, w = at[0], at[1], at[2]
-    net = texture.coarse
     total = trilinear(block.corner, POTENTIAL, u, v, w)
     total += strands(
         texture, origin[0] + u * coarse_mm, origin[1] + v * coarse_mm, origin[2] + w * coarse_mm
     )
-    if n > 0:
-        gap, inside = wall_distance(
-            block.coarse.place, block.coarse.pair, n,
-            (trilinear(block.corner, NET, u, v, w) - net.origin_mm[0]) / net.cell_mm,
-            (trilinear(block.corner, NET + 1, u, v, w) - net.origin_mm[1]) / net.cell_mm,
-            (trilinear(block.corner, NET + 2, u, v, w) - net.origin_mm[2]) / net.cell_mm,
-        )  # fmt: skip
-        fatness = block.coarse.fatness[inside]
-        part = min(gap / texture.lobule_mm, 1.0)
-        total -= texture.lobule_amplitude * fatness * part * (2.0 - part)
+    p = trilinear(block.corner, NET, u, v, w)
+    q = trilinear(block.corner, NET + 1, u, v, w)
+    r = trilinear(block.corner, NET + 2, u, v, w)
+    depth, amplitude = texture.lobule_mm, texture.lobule_amplitude
+    total -= amplitude * _pushed(texture.coarse, block.coarse, n[0], p, q, r, depth)
+    share = texture.fine_lobules
+    total -= share * amplitude * _pushed(texture.fine, block.fine, n[1], p, q, r, share * depth)
     return total
 
 
+@merged_kernel
+def _pushed(
+    net: Net, near: Near, n: int, p: float, q: float, r: float, depth_mm: float
+) -> float:
+    """How strongly the fat lobule that holds a point of net coordinates pushes gland aside."""
+    if n < 1:
+        return 0.0
+    c, o = net.cell_mm, net.origin_mm
+    gap, inside = wall_distance(
+        near, n, (p - o[0]) / c, (q - o[1]) / c, (r - o[2]) / c, depth_mm
+    )
+    part = min(max(gap / depth_mm, 0.0), 1.0)
+    return near.fatness[inside] * part * (2.0 - part)
+
+
 @kernel
-def gather_lobules(texture: Texture, block: Block, coarse_mm: float) -> int:
-    radius = _net_frame(block, NET, coarse_mm)
-    reach = texture.lobule_mm * _stretch(block.slope)
-    return gather(texture.coarse, block.centre, radius, reach, block.slope, block.coarse)
+def gather_lobules(texture: Texture, block: Block, coarse_mm: float) -> tuple[int, int]:
+    """Cells of both nets that push gland aside within a block."""
+    radius, stretch = _net_frame(block, NET, coarse_mm), _stretch(block.slope)
+    reach = ROUNDING_REACH * texture.lobule_mm * stretch
+    return (
+        gather(texture.coarse, block.centre, radius, reach, block.slope, block.coarse),
+        gather(
+            texture.fine, block.centre, radius, texture.fine_lobules * reach, block.slope,
+            block.fine,
+        ),
+    )  # fmt: skip
 
 
 @parallel_kernel
@@ -170,8 +188,8 @@ def sample_potential(
 
 @kernel
 def _sub_cell(
-    texture: Texture, block: Block, n: int, bits: int, origin: NDArray[np.float64], h: float,
-    at: NDArray[np.float64],
+    texture: Texture, block: Block, n: tuple[int, int], bits: int, origin: NDArray[np.float64],
+    h: float, at: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Potential at the corners of a cell of the sub-grid, in place of SEPTUM; its place, `low`."""
     for axis in range(3):
@@ -221,9 +239,9 @@ def decide_gland(
     if only_muscle or highest + texture.noise_limit + grain <= paint.threshold:
         return 0
     n = gather_lobules(texture, block, h)
-    pull = 0.0
-    for a in range(n):
-        pull = max(pull, texture.lobule_amplitude * block.coarse.fatness[a])
+    pull = _strongest(block.coarse, n[0])
+    pull += texture.fine_lobules * _strongest(block.fine, n[1])
+    pull *= texture.lobule_amplitude
     if lowest - texture.noise_limit - pull > paint.threshold + texture.gland_cap:
         return 2
     at, some, all_of_it = np.empty(3), False, True
@@ -242,18 +260,28 @@ def decide_gland(
 
 
 @kernel
+def _strongest(near: Near, n: int) -> float:
+    """The largest fatness of the cells near a block."""
+    most = 0.0
+    for a in range(n):
+        most = max(most, near.fatness[a])
+    return most
+
+
+@kernel
 def gather_walls(
     texture: Texture, block: Block, h: float, voxel: float, only_muscle: bool, gland: int
 ) -> tuple[int, int]:
     """Cells of the nets whose walls cross a block: of both septa, or of bundles in muscle."""
     if only_muscle:
         radius = _net_frame(block, FIBRE, h)
-        reach = max(1.8 * MUSCLE_FAT + 0.5 * voxel, EDGE_REACH * MUSCLE_FAT) * _stretch(block.slope)
+        reach = wall_reach(MUSCLE_FAT, voxel) * _stretch(block.slope)
         return gather(texture.bundles, block.centre, radius, reach, block.slope, block.coarse), -1
     thick = block.corner[SEPTUM].max()
     if gland == 2 or thick <= 0.0:
         return 0, 0
-    radius = _net_frame(block, NET, h)
-    reach = max(1.8 * thick + 0.5 * voxel, EDGE_REACH * thick) * _stretch(block.slope)
+    radius, stretch = _net_frame(block, NET, h), _stretch(block.slope)
+    reach = wall_reach(thick, voxel) * stretch
     n = gather(texture.coarse, block.centre, radius, reach, block.slope, block.coarse)
+    reach = wall_reach(texture.fine_septum * thick, voxel) * stretch
     return n, gather(texture.fine, block.centre, radius, reach, block.slope, block.fine)

@@ -151,6 +151,7 @@ def _fill_block(
     low, step, corner, sub, sub_row = block.low, block.step, block.corner, block.sub, block.sub_row
     coarse, fine, numbers, name = block.coarse, block.fine, paint.nipple, paint.labels
     place, pair, thin_place, thin_pair = coarse.place, coarse.pair, fine.place, fine.pair
+    scale, thin_scale = coarse.scale, fine.scale
     cut_y, cut_z, cut_mm = paint.cut[0], paint.cut[1], paint.cut[2]
     areola, areola_mm = paint.areola_mm[0], paint.areola_mm[1]
     net, thin, net_at = texture.coarse, texture.fine, NET
@@ -184,8 +185,8 @@ def _fill_block(
                 w = (z - origin[2]) / h - at[2]
                 depth = low[SKIN_DEPTH] + w * step[SKIN_DEPTH]
                 if shallow:
-                    near = (y * y + z * z) / (areola_mm * areola_mm)
-                    thick = low[SKIN_MM] + w * step[SKIN_MM] + areola * np.exp(-near * near)
+                    ring = (y * y + z * z) / (areola_mm * areola_mm)
+                    thick = low[SKIN_MM] + w * step[SKIN_MM] + areola * np.exp(-ring * ring)
                     if abs(depth) < voxel or abs(depth - thick) < voxel:
                         depth += voxel * dither(i, j, k, corner)
                     if depth < thick:
@@ -221,12 +222,12 @@ def _fill_block(
                 if in_muscle == only_muscle and (walls[0] > 1 or walls[1] > 1):
                     thick = MUSCLE_FAT if in_muscle else low[SEPTUM] + w * step[SEPTUM]
                     fill += wall_fill(
-                        place, pair, walls[0], (p - o0) * per, (q - o1) * per, (r - o2) * per,
-                        thick, voxel,
+                        place, pair, scale, walls[0],
+                        (p - o0) * per, (q - o1) * per, (r - o2) * per, thick, voxel,
                     )  # fmt: skip
                     if walls[1] > 1:
                         fill += wall_fill(
-                            thin_place, thin_pair, walls[1], (p - t0) * thin_per,
+                            thin_place, thin_pair, thin_scale, walls[1], (p - t0) * thin_per,
                             (q - t1) * thin_per, (r - t2) * thin_per, thin_share * thick, voxel,
                         )  # fmt: skip
                     if in_muscle and grain_at(tile, tile_scale, p, q, r) > streaks:

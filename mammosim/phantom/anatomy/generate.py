@@ -54,7 +54,7 @@ from mammosim.phantom.anatomy.parenchyma import (
 from mammosim.phantom.anatomy.settings import GenerateSettings
 from mammosim.phantom.anatomy.shape import TYPICAL_ML, draw_shape, like
 from mammosim.phantom.anatomy.skin import skin_mm
-from mammosim.phantom.anatomy.threads import Threads, draw_threads
+from mammosim.phantom.anatomy.threads import Threads, Tissue, draw_threads
 from mammosim.phantom.anatomy.tubes import Tubes, gather_tubes
 from mammosim.phantom.anatomy.vessels import grow_vessels
 from mammosim.phantom.breast import BreastPhantom, OpenEnd
@@ -70,17 +70,17 @@ SIDES_SPREAD = 0.04
 """The same of each breast about what a woman's have in common: two thirds of pairs differ by less
 than 6 %."""
 
-FAN_SHARE, FAN_PER_RADIAN = (0.46, 0.40, 0.36), (6.0, 14.0, 32.0)
+FAN_SHARE, FAN_PER_RADIAN = (0.46, 0.34, 0.24), (6.0, 14.0, 32.0)
 """Strands: relative amplitude, and waves per radian seen from behind the nipple."""
 
-GRAIN_AMPLITUDE, GRAIN_MM = (0.14, 0.16, 0.20), (6.0, 3.1, 1.6)
+GRAIN_AMPLITUDE, GRAIN_MM = (0.14, 0.16), (5.0, 2.0)
 """Isotropic detail, by amplitude and wavelength, until projections have the exponent of
 mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 2003, Proc SPIE 5034)."""
 
 NOISE_LIMIT = 1.5
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
-FINE_AMPLITUDE, FINE_LIMIT = 0.38, 2.6
+FINE_AMPLITUDE, FINE_LIMIT = 0.32, 2.6
 """Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
 deviations. Chosen by eye."""
 
@@ -93,6 +93,10 @@ MUSCLE_STREAKS = 1.3
 
 FINE_SEPTUM = 0.4
 """Thickness of the septa within lobules against those between them. Chosen by eye."""
+
+FINE_LOBULES = 0.7
+"""How strongly, and over which depth, lobules of the finer net push gland aside, against those of
+the coarse one. Chosen by eye."""
 
 Density = Literal["fatty", "scattered", "heterogeneous", "dense", "a", "b", "c", "d"]
 
@@ -264,7 +268,8 @@ def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _A
     )
     vessels = grow_vessels(outline, depth, muscled, frame, vessel_rng)
     tubes = gather_tubes([*vessels, *trees.pieces])
-    threads = draw_threads(depth, muscled, frame, ends[0], kind.threads, thread_rng)
+    tissue = Tissue(depth, muscled, room, frame)
+    threads = draw_threads(tissue, ends[0], kind.threads, thread_rng)
     tile = noise_tile(thread_rng, TILE, FINE_LIMIT)
     site = Site(depth, muscled, thickness, frame, outline.axilla, ends[:1] * [1.0, 0.0, 0.0], tubes)
     findings = draw_findings(settings, site, finding_rng)
@@ -306,7 +311,7 @@ def _lattice(anatomy: _Anatomy, voxel_mm: float) -> Lattice:
 def _texture(anatomy: _Anatomy, seed: int) -> Texture:
     kind = anatomy.kind
     return Texture(
-        anatomy.fields, *anatomy.nets, FINE_SEPTUM,
+        anatomy.fields, *anatomy.nets, FINE_SEPTUM, FINE_LOBULES,
         np.array([anatomy.outline.shape.depth_mm + 5.0, 0.0, 0.0]),
         kind.strands * np.array(FAN_SHARE), np.array(FAN_PER_RADIAN),
         np.array(GRAIN_AMPLITUDE), np.array(GRAIN_MM), NOISE_LIMIT, kind.lobule_mm, kind.lobules,

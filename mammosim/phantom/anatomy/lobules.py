@@ -16,10 +16,10 @@ the cells missing a compartment has a mean volume of 0.7 cm3 there; measured in 
 0.94 cm3 under the skin, 0.89 cm3 behind the gland and 0.31 cm3 within it (Bakic et al. 2002,
 Med Phys 29:2131-2139, and later work of that group)."""
 
-FINE_MM = 5.2
+FINE_MM = 4.6
 """The same of the thinner septa within lobules, mm. Chosen by eye."""
 
-REFERENCE_MM, SHRINK = 55.0, 0.36
+REFERENCE_MM, SHRINK = 55.0, 0.26
 """Lobules grow with the power `SHRINK` of the distance from the nipple, so that those 25 mm behind
 it have a third of the volume of those near the skin and the chest wall; their length along the
 distance is 1 / (1 - SHRINK) = 1.6 of their width."""
@@ -28,7 +28,7 @@ APEX_MM, ROUNDING_MM = 10.0, 18.0
 """Where the lobules' coordinates converge, in front of the nipple's foot, and distance below which
 they no longer do, mm."""
 
-WARPS_MM = ((2.4, 32.0), (0.5, 13.0))
+WARPS_MM = ((1.7, 36.0), (0.16, 12.0))
 """Amplitude and wavelength by which walls are bent, mm: their slopes, 2 pi amplitude / wavelength,
 add up to 0.5, below which coordinates hardly ever fold over. Chosen by eye."""
 
@@ -36,7 +36,7 @@ ABSENT_SHARE, WEIGHT = 0.12, 0.34
 """Share of the lattice cells without a lobule, and spread of the weights, cells squared: both make
 lobules unequal. Chosen by eye."""
 
-LEAN_SHARE = 0.40
+LEAN_SHARE = 0.30
 """Share of the cells that push no gland aside: lobes of the gland."""
 
 
@@ -61,7 +61,7 @@ def draw_net(
     seeds[..., 3] = WEIGHT * rng.random(tuple(cells))
     seeds[..., 3][rng.random(tuple(cells)) < ABSENT_SHARE] = 2.0 * ABSENT
     fat = rng.random(tuple(cells))
-    seeds[..., 4] = np.where(fat < LEAN_SHARE, 0.0, 0.5 + rng.random(tuple(cells)))
+    seeds[..., 4] = np.where(fat < LEAN_SHARE, 0.0, 0.6 + rng.random(tuple(cells)))
     seeds[..., 5] = rng.random(tuple(cells))
     return Net(seeds, low, cell_mm)
 

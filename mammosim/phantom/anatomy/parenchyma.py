@@ -60,10 +60,10 @@ class Parenchyma:
 
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
-        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 0.85, 0.50, 2.8, 1.8, 0.22),
-        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.80, 0.45, 2.6, 1.9, 0.24),
-        "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.65, 0.40, 2.4, 2.0, 0.24),
-        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.40, 0.35, 2.0, 2.2, 0.25),
+        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 0.85, 0.50, 2.8, 2.6, 0.19),
+        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.80, 0.45, 2.6, 2.6, 0.19),
+        "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.65, 0.40, 3.0, 2.6, 0.19),
+        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.40, 0.35, 2.8, 2.6, 0.19),
     }
 )
 """Chosen by eye on projections, so that each class looks like mammograms of its BI-RADS letter;
@@ -128,7 +128,7 @@ def gland_room(
     lean = np.cos(np.arctan2(superior, lateral) - np.deg2rad(rng.normal(50.0, 15.0)))
     slant = np.rad2deg(np.arctan2(across, ahead))
     in_cone = (kind.cone_deg + kind.lean_deg * lean - slant) / 18.0
-    limits = np.stack(np.broadcast_arrays(from_skin, from_muscle, in_cone, np.full_like(back, 2.2)))
+    limits = np.stack(np.broadcast_arrays(from_skin, from_muscle, in_cone, np.full_like(back, 1.3)))
     sharp = 2.5
     least = -np.log(np.exp(-sharp * limits.clip(-6.0, 6.0)).sum(axis=0)) / sharp
     return np.clip(least, -3.0, None)

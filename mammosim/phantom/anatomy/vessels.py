@@ -20,7 +20,7 @@ ORIGINS_DEG = ((58.0, 22.0, 0.68), (175.0, 25.0, 0.32))
 lateral thoracic vessels in the upper outer quadrant and from branches of the internal thoracic
 ones at the medial border."""
 
-RADIUS_MM = {"vein": (0.6, 1.35), "artery": (0.4, 0.8)}
+RADIUS_MM = {"vein": (0.5, 1.15), "artery": (0.4, 0.8)}
 """Range of a trunk's radius where it enters, mm: veins of mammograms are 1 to 3 mm wide. Chosen."""
 
 PAIRED_SHARE, APART_MM = 0.55, (2.2, 5.0)
