@@ -77,6 +77,11 @@ BEHIND_NIPPLE, BEHIND_NIPPLE_MM, BEHIND_SLEEVE_MM = 1.6, 16.0, 2.5
 lost, and how far it keeps to them, mm: ducts are seen to run into the nipple. Chosen by eye."""
 
 
+AHEAD, AHEAD_SHARE = 0.7, 0.55
+"""Amplitude of the preference of gland for the front of the breast, and the distance from the
+nipple at which there is none, against the breast's depth. Chosen by eye."""
+
+
 def draw_parenchyma(density: str, rng: np.random.Generator) -> Parenchyma:
     """That of a density class with the differences between women: a fifth or so, by choice."""
     kind = PARENCHYMA[density]
@@ -130,7 +135,9 @@ def gland_room(
     in_cone = (kind.cone_deg + kind.lean_deg * lean - slant) / 18.0
     limits = np.stack(np.broadcast_arrays(from_skin, from_muscle, in_cone, np.full_like(back, 1.3)))
     sharp = 2.5
-    least = -np.log(np.exp(-sharp * limits.clip(-6.0, 6.0)).sum(axis=0)) / sharp
+    # Lobes fan out from the nipple; towards the chest wall they end one after the other.
+    forward = AHEAD * (1.0 - distance / (AHEAD_SHARE * shape.depth_mm)).clip(-1.0, 1.0)
+    least = forward - np.log(np.exp(-sharp * limits.clip(-6.0, 6.0)).sum(axis=0)) / sharp
     return np.clip(least, -3.0, None)
 
 

@@ -32,7 +32,7 @@ class Level:
     links: int
 
 
-LEVELS = (Level(0.2, 0.70, 1), Level(1.2, 0.46, 2), Level(5.0, 0.27, 2))
+LEVELS = (Level(0.2, 0.70, 1), Level(1.2, 0.46, 2), Level(7.0, 0.25, 2))
 """Coarse strands first: finer ones are tied to them too. Nodes are 20, 11 and 7 mm apart. Chosen by
 eye."""
 

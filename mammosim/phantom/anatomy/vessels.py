@@ -29,6 +29,10 @@ PAIRED_SHARE, APART_MM = 0.55, (2.2, 5.0)
 THINNEST_MM = 0.28
 """Radius at which a vessel ends, mm; a choice: thinner ones do not show."""
 
+ENDING_STEPS = 10.0
+"""Steps over which a vessel that comes too near to the skin narrows to `THINNEST_MM` from a trunk's
+radius: it has no blunt end."""
+
 LENGTH_MM = (70.0, 150.0)
 """Way along which a trunk tapers to `THINNEST_MM`, mm. Chosen."""
 
@@ -153,7 +157,8 @@ def _grow(
             radius -= taper
             places.append(point)
             radii.append(max(radius, THINNEST_MM))
-        paths.append((np.array(places), np.array(radii)))
+        ending = np.arange(len(radii))[::-1] / ENDING_STEPS
+        paths.append((np.array(places), np.minimum(radii, THINNEST_MM + radius_mm * ending)))
     return paths
 
 
