@@ -171,7 +171,7 @@ def test_some_walls_are_missing_and_the_others_have_a_long_tail():
 
 def test_strands_meet_in_nodes_and_end_nowhere_else(strands):
     """Each end of a strand is a node or a point of another strand, or lies in the skin."""
-    places, radii, depth = strands
+    places, _, depth = strands
     first, last = places[:: threads.PIECES, 0], places[threads.PIECES - 1 :: threads.PIECES, 1]
     ends = np.concatenate([first, last])
     others = np.concatenate([ends, places[:, 0]])

@@ -26,7 +26,14 @@ from mammosim.phantom.anatomy._block_kernels import (
 )
 from mammosim.phantom.anatomy._fill_kernels import fill_of
 from mammosim.phantom.anatomy._grain_kernels import grain_at
-from mammosim.phantom.anatomy._net_kernels import ROUNDING_REACH, Near, Net, gather, wall_distance, wall_reach
+from mammosim.phantom.anatomy._net_kernels import (
+    ROUNDING_REACH,
+    Near,
+    Net,
+    gather,
+    wall_distance,
+    wall_reach,
+)
 from mammosim.phantom.anatomy._noise_kernels import gradient_noise, lattice_hash
 from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut
 
@@ -113,16 +120,12 @@ def potential_at(
 
 
 @merged_kernel
-def _pushed(
-    net: Net, near: Near, n: int, p: float, q: float, r: float, depth_mm: float
-) -> float:
+def _pushed(net: Net, near: Near, n: int, p: float, q: float, r: float, depth_mm: float) -> float:
     """How strongly the fat lobule that holds a point of net coordinates pushes gland aside."""
     if n < 1:
         return 0.0
     c, o = net.cell_mm, net.origin_mm
-    gap, inside = wall_distance(
-        near, n, (p - o[0]) / c, (q - o[1]) / c, (r - o[2]) / c, depth_mm
-    )
+    gap, inside = wall_distance(near, n, (p - o[0]) / c, (q - o[1]) / c, (r - o[2]) / c, depth_mm)
     part = min(max(gap / depth_mm, 0.0), 1.0)
     return near.fatness[inside] * part * (2.0 - part)
 

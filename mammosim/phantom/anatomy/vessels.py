@@ -158,8 +158,22 @@ def _grow(
             places.append(point)
             radii.append(max(radius, THINNEST_MM))
         ending = np.arange(len(radii))[::-1] / ENDING_STEPS
-        paths.append((np.array(places), np.minimum(radii, THINNEST_MM + radius_mm * ending)))
+        thick = np.minimum(radii, THINNEST_MM + radius_mm * ending)
+        if order == 0:
+            behind = _from_muscle(start, heading / np.linalg.norm(heading))
+            places, thick = [*behind, *places], np.append(np.full(len(behind), thick[0]), thick)
+        paths.append((np.array(places), thick))
     return paths
+
+
+def _from_muscle(
+    start: NDArray[np.float64], direction: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
+    """The way of a trunk from the chest wall to where it enters fat, a bow of places."""
+    wall = np.array([-2.0, start[1], start[2]])
+    corner = start - 0.5 * (start[0] + 2.0) * direction
+    along = np.linspace(0.0, 1.0, max(int((start[0] + 2.0) / STEP_MM), 1) + 1)[:-1]
+    return [(1 - t) ** 2 * wall + 2 * t * (1 - t) * corner + t * t * start for t in along]
 
 
 def _steered(
