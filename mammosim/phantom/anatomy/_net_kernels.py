@@ -201,7 +201,7 @@ def wall_distance(
     inside, least, after = _holding_cell(place, n, x, y, z)
     far = ROUNDING_REACH * rounding_mm
     if (after - least) * near.scale[inside] >= far:
-        return far, inside
+        return far - 0.25 * rounding_mm, inside
     gap, second = far, far
     for b in range(n):
         if b != inside:
