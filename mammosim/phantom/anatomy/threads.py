@@ -33,7 +33,7 @@ class Level:
 
 
 LEVELS = (Level(0.2, 0.70, 1), Level(1.2, 0.46, 2), Level(7.0, 0.25, 2))
-"""Coarse strands first: finer ones are tied to them too. Nodes are 20, 11 and 7 mm apart. Chosen by
+"""Coarse strands first: finer ones are tied to them too. Nodes are 17, 9 and 5 mm apart. Chosen by
 eye."""
 
 RADIUS_SPREAD, RADII_MM = 0.45, (0.05, 0.75)
