@@ -43,7 +43,7 @@ def test_gland_is_where_the_potential_exceeds_the_threshold():
     anatomy = generate._anatomy(settings, 5)
     lattice = generate._lattice(anatomy, settings.voxel_mm)
     texture = generate._texture(anatomy, 5)
-    paint = generate._paint(anatomy)._replace(threshold=0.5)
+    paint = generate._paint(anatomy)._replace(threshold=-2.0)
     size = (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size)
     labels = np.zeros(size, np.uint8)
     half = lattice.x_start.size // 2
@@ -60,7 +60,7 @@ def test_gland_is_where_the_potential_exceeds_the_threshold():
     for index in rng.permutation(np.argwhere(soft)):
         at = index + np.array([first, 0, 0])
         point = np.array([axis[n] for axis, n in zip(lattice[:3], at, strict=True)])
-        above = naive.gland_potential(texture, lattice.coarse_origin_mm, 2.0, point) - 0.5
+        above = naive.gland_potential(texture, lattice.coarse_origin_mm, 2.0, point) + 2.0
         grain = naive.grain(texture, lattice.coarse_origin_mm, 2.0, point)
         wanted = min(above, texture.gland_cap) + grain
         if abs(wanted) > 1e-6:
