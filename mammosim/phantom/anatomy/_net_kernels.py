@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mammosim._jit import kernel, merged_kernel
 
-MAX_NEAR = 72
+MAX_NEAR = 96
 """Most cells kept for one block; the nearest ones are met first often enough that the rest would
 lie beyond its reach."""
 
@@ -24,10 +24,8 @@ is no cell), how strongly a fat lobule pushes gland aside, and a number by which
 
 ABSENT = -5.0
 
-MAX_APART = 2.2
-"""Distance, in lattice cells, by which the point of the cell at a place may lie off that of the
-cell at the block's centre."""
-
+MAX_HOLDERS = 24
+"""Most cells that hold some place of one block."""
 
 ABSENT_WALLS, MAX_WALL = 0.30, 2.6
 """Share of walls that are missing, so that lobules run together, and the most by which a wall is
@@ -80,10 +78,10 @@ def gather(
 ) -> int:  # fmt: skip
     """Cells whose walls come within a reach of any place within a radius of a centre.
 
-    All in net coordinates, mm. The wall of a cell with that of the centre comes near such a place
-    by no less than its distance from the centre less the radius; with any other cell there, whose
-    own distance counts, `MAX_APART` bounds what is lost. `slope` is (3, 3): how net coordinates
-    change with the real ones. Returns how many there are; the first holds the centre.
+    All in net coordinates, mm. A cell holds such a place only if its wall with the centre's cell
+    comes within the radius; another cell comes within the reach of its walls there only if the
+    wall between the two lies within radius and reach of the centre. `slope` is (3, 3): how net
+    coordinates change with the real ones. Returns how many there are; the first holds the centre.
     """
     c = net.cell_mm
     x = (centre_mm[0] - net.origin_mm[0]) / c
@@ -116,7 +114,11 @@ def gather(
         (x + bx) ** 2 + (y + by) ** 2 + (z + bz) ** 2 - (bx * bx + by * by + bz * bz - best)
     )
     near.tag[0] = bq
-    n, radius, reach = 1, radius_mm / c, reach_mm / c
+    radius, far = radius_mm / c, (radius_mm + reach_mm) / c
+    holder = np.empty((MAX_HOLDERS, 4))
+    holder[0, 0], holder[0, 1], holder[0, 2], holder[0, 3] = bx, by, bz, best
+    holders = _holders(seeds, (i0, i1, j0, j1, k0, k1), (x, y, z), radius, holder)
+    n = 1
     for a in range(i0, i1):
         for b in range(j0, j1):
             for d in range(k0, k1):
@@ -127,9 +129,10 @@ def gather(
                     b + seeds[a, b, d, Y] - y,
                     d + seeds[a, b, d, Z] - z,
                 )
-                apart = np.sqrt((px - bx) ** 2 + (py - by) ** 2 + (pz - bz) ** 2)
-                gap = px * px + py * py + pz * pz - seeds[a, b, d, WEIGHT] - best
-                if apart == 0.0 or gap > 2.0 * (apart * radius + (apart + MAX_APART) * reach):
+                q = px * px + py * py + pz * pz - seeds[a, b, d, WEIGHT]
+                if px == bx and py == by and pz == bz:
+                    continue
+                if not _comes_near(holder, holders, px, py, pz, q, far):
                     continue
                 near.place[n, 0], near.place[n, 1], near.place[n, 2] = x + px, y + py, z + pz
                 near.place[n, 3] = (
@@ -139,6 +142,45 @@ def gather(
                 n += 1
     _pairs(near, n, c, slope)
     return n
+
+
+@kernel
+def _holders(
+    seeds: NDArray[np.float32], box: tuple[int, int, int, int, int, int],
+    at: tuple[float, float, float], radius: float, holder: NDArray[np.float64],
+) -> int:  # fmt: skip
+    """Cells that may hold a place within a radius of a place: where from it, and q there.
+
+    The first is known. Lengths are in lattice cells.
+    """
+    n = 1
+    bx, by, bz, best = holder[0, 0], holder[0, 1], holder[0, 2], holder[0, 3]
+    for a in range(box[0], box[1]):
+        for b in range(box[2], box[3]):
+            for d in range(box[4], box[5]):
+                if seeds[a, b, d, WEIGHT] < ABSENT or n == MAX_HOLDERS:
+                    continue
+                px = a + seeds[a, b, d, X] - at[0]
+                py = b + seeds[a, b, d, Y] - at[1]
+                pz = d + seeds[a, b, d, Z] - at[2]
+                apart = np.sqrt((px - bx) ** 2 + (py - by) ** 2 + (pz - bz) ** 2)
+                q = px * px + py * py + pz * pz - seeds[a, b, d, WEIGHT]
+                if apart > 0.0 and q - best <= 2.0 * apart * radius:
+                    holder[n, 0], holder[n, 1], holder[n, 2], holder[n, 3] = px, py, pz, q
+                    n += 1
+    return n
+
+
+@kernel
+def _comes_near(
+    holder: NDArray[np.float64], holders: int, x: float, y: float, z: float, q: float, far: float
+) -> bool:
+    """Whether a cell's wall with one of the holders comes as near as `far`, in lattice cells."""
+    for n in range(holders):
+        squared = (x - holder[n, 0]) ** 2 + (y - holder[n, 1]) ** 2 + (z - holder[n, 2]) ** 2
+        if q - holder[n, 3] <= 2.0 * np.sqrt(squared) * far:
+            return True
+    return False
 
 
 @kernel
