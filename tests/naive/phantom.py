@@ -62,7 +62,7 @@ def wall(net, place_mm, slope):
 
 def rounded(gaps, rounding_mm):
     """Distance to the nearest wall, less where a second one is near: corners become round."""
-    first, second = np.minimum(gaps, 1.3 * rounding_mm)
+    first, second = np.minimum(gaps, 1.1 * rounding_mm)
     return first - 0.25 * rounding_mm * max(1.0 - (second - first) / rounding_mm, 0.0) ** 2
 
 

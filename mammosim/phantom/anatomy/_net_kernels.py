@@ -31,7 +31,7 @@ ABSENT_WALLS, MAX_WALL = 0.30, 2.6
 """Share of walls that are missing, so that lobules run together, and the most by which a wall is
 thicker than the mean."""
 
-ROUNDING_REACH = 1.3
+ROUNDING_REACH = 1.1
 """Distance from walls beyond which they round no corner, against the rounding."""
 
 CONE = 1.7320508

@@ -39,6 +39,10 @@ from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut
 
 NOT_COUNTED, UNDECIDED, TUBE, VESSEL, IN_MUSCLE = 0, 1, 2, 3, 4
 
+SUB_CELL = 0.32
+"""Half diagonal of a cell of the sub-grid against that of its block: a quarter, and more where
+coordinates are not linear."""
+
 MUSCLE_FAT = 0.15
 """Mean thickness of the fat between bundles of muscle, mm. Chosen."""
 
@@ -131,9 +135,16 @@ def _pushed(net: Net, near: Near, n: int, p: float, q: float, r: float, depth_mm
 
 
 @kernel
-def gather_lobules(texture: Texture, block: Block, coarse_mm: float) -> tuple[int, int]:
-    """Cells of both nets that push gland aside within a block."""
+def gather_lobules(
+    texture: Texture, block: Block, coarse_mm: float, whole: bool, at: NDArray[np.float64]
+) -> tuple[int, int]:
+    """Cells of both nets that push gland aside within a block, or within the cell of its sub-grid
+    about a place (u, v, w)."""
     radius, stretch = _net_frame(block, NET, coarse_mm), _stretch(block.slope)
+    if not whole:
+        for axis in range(3):
+            block.centre[axis] = trilinear(block.corner, NET + axis, at[0], at[1], at[2])
+        radius *= SUB_CELL
     reach = ROUNDING_REACH * texture.lobule_mm * stretch
     return (
         gather(texture.coarse, block.centre, radius, reach, block.slope, block.coarse),
@@ -164,10 +175,9 @@ def sample_potential(
                 deepest = block.corner[SKIN_DEPTH].max()
                 if deepest < 0.0:
                     continue
-                n = gather_lobules(texture, block, h)
                 for axis, place in enumerate((i, j, k)):
                     origin[axis] = lattice.coarse_origin_mm[axis] + place * h
-                _sub_cell(texture, block, n, lattice_hash(i, j, k, 11), origin, h, at)
+                _sub_cell(texture, block, lattice_hash(i, j, k, 11), origin, h, at)
                 for s in range(4):
                     bits = lattice_hash(i, j, k, 12 + s)
                     for axis in range(3):
@@ -191,12 +201,14 @@ def sample_potential(
 
 @kernel
 def _sub_cell(
-    texture: Texture, block: Block, n: tuple[int, int], bits: int, origin: NDArray[np.float64],
-    h: float, at: NDArray[np.float64],
+    texture: Texture, block: Block, bits: int, origin: NDArray[np.float64], h: float,
+    at: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Potential at the corners of a cell of the sub-grid, in place of SEPTUM; its place, `low`."""
     for axis in range(3):
         block.low[axis] = ((bits >> (10 * axis)) & 1023) * SUB_STEPS // 1024
+        at[axis] = (block.low[axis] + 0.5) / SUB_STEPS
+    n = gather_lobules(texture, block, h, False, at)
     for corner in range(8):
         at[0] = (block.low[0] + (corner >> 2)) / SUB_STEPS
         at[1] = (block.low[1] + ((corner >> 1) & 1)) / SUB_STEPS
@@ -241,7 +253,7 @@ def decide_gland(
     grain = 128.0 * texture.tile_scale
     if only_muscle or highest + texture.noise_limit + grain <= paint.threshold:
         return 0
-    n = gather_lobules(texture, block, h)
+    n = gather_lobules(texture, block, h, True, block.centre)
     pull = _strongest(block.coarse, n[0])
     pull += texture.fine_lobules * _strongest(block.fine, n[1])
     pull *= texture.lobule_amplitude
