@@ -80,7 +80,7 @@ mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 2003, Proc SPIE 
 NOISE_LIMIT = 1.5
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
-FINE_AMPLITUDE, FINE_LIMIT = 0.32, 2.6
+FINE_AMPLITUDE, FINE_LIMIT = 0.42, 2.6
 """Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
 deviations. Chosen by eye."""
 
