@@ -120,6 +120,11 @@ def picture_addresses(browser) -> list[str]:
     return [image.get_attribute("href").partition("?")[2] for image in images]
 
 
+def live(browser) -> str:
+    """What the page says of a run in progress."""
+    return browser.find_element("css selector", ".runs [role=status]").text
+
+
 def has_other_window(browser, before: set[str]) -> bool:
     """Whether all pictures have one other window after a step of the level's slider."""
     browser.execute_script(
@@ -189,7 +194,7 @@ def test_two_runs_a_reload_and_a_cancel(browser, page):
     until(lambda: statuses(browser)[:2] == ["waiting", "running"], "both runs after the reload")
     first = browser.find_elements("xpath", "//button[contains(., ': running')]")[0]
     first.click()
-    time.sleep(2.0)  # let it begin to compress
+    until(lambda: "compressing" in live(browser), "the compression")
     button(browser, "Cancel").click()
     until(lambda: statuses(browser)[:2] == ["done", "interrupted"], "cancel, and the second run")
     records = [json.loads(path.read_text())["status"] for path in page[1].glob("*/run.json")]
@@ -256,7 +261,7 @@ def test_every_state_is_accessible(browser):
     appear(browser)
     write_into(field(browser, "compression.resolution_mm"), "0.6")
     button(browser, "Run").click()
-    until(lambda: statuses(browser)[:1] == ["running"], "the run")
+    until(lambda: "compressing" in live(browser), "the compression")
     assert axe_findings(browser) == []
     button(browser, "Cancel").click()
     until(lambda: statuses(browser)[:1] == ["interrupted"], "its end")
