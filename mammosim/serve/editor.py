@@ -116,7 +116,10 @@ class Editor:
         self._opened, self._folder = values, folder
         texts = texts_of(values, self._fields)
         for field in self._fields:
-            self._inputs[field.key].value = texts.get(field.key, "")
+            entry, text = self._inputs[field.key], texts.get(field.key, "")
+            if isinstance(entry, ui.select) and text not in entry.options:
+                entry.set_options({**entry.options, text: text})  # Check says what is allowed
+            entry.value = text
         self._name.value = name
         self._show_problems({}, [])
 
