@@ -94,7 +94,7 @@ def status(
             rest = progress.waiting
             say(
                 f"{progress.done} of {progress.patients} done, {progress.failed} failed, "
-                f"{rest} not started" + ("; --resume goes on" if rest or progress.failed else "")
+                f"{rest} not started" + ("; --resume continues" if rest or progress.failed else "")
             )
         for index, reason in list(found.failures.items())[:MOST_REASONS]:
             say(f"patient {index}: {reason}")

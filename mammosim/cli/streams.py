@@ -60,7 +60,7 @@ class WatchedStream:
 
     @property
     def is_gone(self) -> bool:
-        """Whether nobody reads any more, which is no fault."""
+        """Whether the reader has gone, which is not an error."""
         return self.failed is not None and self.failed.errno in GONE
 
     def __getattr__(self, name: str) -> Any:

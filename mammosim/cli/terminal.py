@@ -148,17 +148,17 @@ def _lines_of(error: BaseException) -> tuple[str, ...]:
 
 
 def say(text: str) -> None:
-    """Print a line as it is, on standard output."""
+    """Print a line unchanged on standard output."""
     out.print(Text(printable(text)))
 
 
 def say_error(text: str) -> None:
-    """Print a line as it is, on standard error, marked as an error."""
+    """Print a line unchanged on standard error, marked as an error."""
     err.print(Text.assemble(("error:", "bold red"), " ", printable(text)))
 
 
 def say_progress(text: str) -> None:
-    """Print a line as it is, on standard error."""
+    """Print a line unchanged on standard error."""
     err.print(Text(printable(text)))
 
 

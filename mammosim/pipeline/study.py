@@ -91,7 +91,7 @@ class Study:
 
     @property
     def targets(self) -> tuple[Target, ...]:
-        """One target a view, the rows of `lesions.csv`; each target has a number of its own."""
+        """One row of `lesions.csv` per target and view; each target has its own number."""
         return tuple(target for view in self.views.values() for target in view.targets)
 
     @property

@@ -58,7 +58,7 @@ def skin_depth_mm(phantom: BreastPhantom, point_mm: ArrayLike) -> float:
     Air is label 0, and what lies beyond the array's faces except the one at the chest wall.
     Whatever lies behind the chest-wall plane (the first x plane with tissue in it) does not
     count, so that the depth is never taken through the chest. Air pockets inside the breast are
-    not told from the air around it.
+    not distinguished from the air around it.
     """
     chest_wall = next((x for x, plane in enumerate(phantom.labels) if plane.any()), 0)
     index = phantom.frame.index(point_mm)

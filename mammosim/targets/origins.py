@@ -85,7 +85,7 @@ def largest_distance(points: NDArray[np.float64]) -> float:
     """Largest distance between two of the points (n, 3); NaN without any.
 
     From the first point, and the foremost in each of 26 directions, to the farthest from it, and on
-    from there while that grows: exact but for shapes made to deceive it, without n x n distances.
+    from there while that grows: exact except for contrived shapes, without n x n distances.
     """
     if not len(points):
         return math.nan

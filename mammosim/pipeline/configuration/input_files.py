@@ -39,7 +39,7 @@ def make_paths_absolute(values: dict[str, Any], folder: Path, origin: str) -> No
     Raises
     ------
     InputError
-        If a path begins with the home folder of nobody.
+        If a path begins with the home folder of an unknown user.
     """
     for where, value in named_paths(values):
         block = values
@@ -84,7 +84,7 @@ def without_paths(config: RunConfig) -> dict[str, Any]:
 
 
 def _expanded(values: dict[str, Any], pattern: tuple[Any, ...]) -> list[tuple[Any, ...]]:
-    """Key paths that a pattern stands for, by the lists that there are."""
+    """Key paths that match a pattern, for the lists that exist."""
     if EACH not in pattern:
         return [pattern]
     at = pattern.index(EACH)

@@ -38,7 +38,7 @@ class BiopsyPosition:
 
 @dataclass(frozen=True)
 class ResolvedView:
-    """One view of a run; its settings are whole and are handed down as they are.
+    """One view of a run; its settings are complete and are passed on unchanged.
 
     Parameters
     ----------

@@ -222,7 +222,7 @@ class RunConfig(Settings):
         ]
 
     def plain(self) -> dict[str, Any]:
-        """All values as YAML holds them, defaults filled in but for those that mean "left out"."""
+        """All values as in YAML, with defaults filled in except for those that are None."""
         return self.model_dump(mode="json", exclude_none=True)
 
 

@@ -86,7 +86,7 @@ class PlannedStage:
     view : str
         What the run calls the view, without its side, as `CC`; empty for a stage of the whole run.
     stage : str
-        As the run calls it while it goes on.
+        The name that the run shows in its progress.
     seconds : float
         Estimated duration on `PLANNED_CORES` cores, s.
     """

@@ -15,7 +15,7 @@ from mammosim.errors import InputError
 
 try:
     import fcntl
-except ImportError:  # not a Unix: there, two runs on one folder are not told from one
+except ImportError:  # not a Unix: there, two runs on one folder are not detected
     fcntl = None  # type: ignore[assignment]
 
 STAGES_FOLDER = ".stages"

@@ -20,7 +20,7 @@ OWN_FILES = frozenset(
 """Files that a run writes at the top of its folder."""
 
 VIEW_FOLDER = re.compile(r"[LR](CC|MLO|ML)(_\w+)?")
-"""Folders that a run writes files into, beside those of views with a name of their own."""
+"""Folders that a run writes files into, in addition to those of named views."""
 
 
 def refuse_links(folder: Path) -> None:
@@ -45,7 +45,7 @@ def refuse_links(folder: Path) -> None:
 
 
 def refuse_inputs_within(folder: Path, config: RunConfig) -> None:
-    """Refuse a run that reads a file from the very folder that it writes.
+    """Refuse a run that reads a file from the folder that it writes.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def _is_runs(folder: Path) -> bool:
 
 
 def refuse_own_configuration(folder: Path, config: Path) -> None:
-    """Refuse to replace the very file that the configuration was read from.
+    """Refuse to replace the file from which the configuration was read.
 
     Raises
     ------

@@ -117,7 +117,7 @@ class RunFolder:
         self._begun = path.stat()
 
     def _begin_or_go_on(self) -> None:
-        """Take the folder, or refuse to go on where it was removed or replaced meanwhile."""
+        """Lock the folder, or refuse to continue if it was removed or replaced meanwhile."""
         if self._begun is None:
             self._begin()
         else:

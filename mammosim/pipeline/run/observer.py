@@ -74,7 +74,7 @@ class RunObserver:
     Every stage is timed and reported. The phantom and the compressions are taken from the run's
     folder where it keeps them, and kept there. A compression, a view and the whole study are
     written as soon as they are there. A compression that did not converge is noted, and the run
-    goes on with what it reached.
+    continues with the state reached.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ def _few_photons(settings: AcquisitionSettings) -> AcquisitionSettings:
 
 
 def _small_breast(laterality: str, generated: bool) -> BreastPhantom:
-    """Half an ellipsoid with all that leads to kernels of its own: gland, septa, an open end."""
+    """Half an ellipsoid with everything that needs separate kernels: gland, septa, open end."""
     a, b, c = SEMI_AXES_MM
     counts = (int(a / VOXEL_MM) + 3, 2 * int(b / VOXEL_MM) + 6, 2 * int(c / VOXEL_MM) + 6)
     origin = np.array([0.5, -0.5 * (counts[1] - 1), -0.5 * (counts[2] - 1)]) * VOXEL_MM

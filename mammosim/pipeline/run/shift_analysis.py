@@ -1,4 +1,4 @@
-"""What a run answers about its lesions beside the table: rules, biopsy, and how sure it is."""
+"""Results about lesions in addition to the table: view rules, biopsy and uncertainty."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ MOST_NAMED = 5
 
 @dataclass(frozen=True, eq=False)
 class _Position:
-    """The breast as it is held, and the settings it is held with."""
+    """The breast as it is held, and the settings of that compression."""
 
     squeezed: CompressedBreast
     settings: CompressionSettings

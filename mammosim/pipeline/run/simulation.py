@@ -146,7 +146,7 @@ def simulate_view(
     InputError
         If something does not fit, as a detector that is too small.
     NotConverged, Interrupted
-        From `compress`, where no observer goes on with what was reached.
+        From `compress`, if no observer continues with the state reached.
     """
     position = view.position(breast.laterality)
     compressed = observe(compress)(breast, position, view.compression, seed=seed)
