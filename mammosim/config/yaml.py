@@ -88,7 +88,7 @@ def _text(path: str | os.PathLike[str], max_bytes: int) -> str:
 
 
 def parse_value(text: str, where: str) -> Any:
-    """Parse one YAML value given as text, as after `--set section.key=`.
+    """Parse one YAML value given as text, as a command gives it after `section.key=`.
 
     Parameters
     ----------

@@ -122,7 +122,7 @@ def _run_settings(values: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def apply_change(values: dict[str, Any], change: str) -> None:
-    """Put one value in place of what plain values say, as `--set` does.
+    """Put one value, given as `section.key=value`, in place of what plain values say.
 
     Parameters
     ----------
