@@ -270,7 +270,7 @@ def test_status_tells_what_is_there(disturbed, tmp_path):
     assert list(status.failures) == [FAULTY]
     result = invoke("cohort", "status", disturbed)
     assert result.exit_code == 0
-    assert "4 of 5 done, 1 failed, 0 not made; --resume goes on" in result.output
+    assert "4 of 5 done, 1 failed, 0 not started; --resume continues" in result.output
     assert f"patient {FAULTY}: " in result.output
     warned = sum(bool(texts) for texts in warnings_in(disturbed).values())
     assert len(status.warnings) == warned

@@ -96,7 +96,7 @@ def test_a_series_of_projections_takes_no_agent(tmp_path):
     result = invoke("check", path)
     assert result.exit_code == 2
     said = " ".join(result.output.split())
-    assert "CC_DBT: acquisition.contrast belongs to mammograms, not to a series" in said
+    assert "CC_DBT: acquisition.contrast is for mammograms, not for a series" in said
 
 
 @pytest.mark.parametrize(
