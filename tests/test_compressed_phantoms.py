@@ -228,7 +228,7 @@ def test_what_is_not_known_of_a_compressed_breast_is_said(tmp_path):
     result = invoke("check", write(tmp_path, **keys, views=["CC"]))
     assert result.exit_code == 0
     said = " ".join(result.output.split())
-    assert "warning: LCC: the phantom contains plates, but phantom.compressed_for is not given" in said
+    assert "warning: LCC: the phantom contains plates, but phantom.compressed_for is not" in said
     assert "warning: a compressed breast does not show which breast it is: left was assumed" in said
     with pytest.raises(InputError, match="compressed_for: found 'XCC'"):
         read_phantom(tmp_path / "a.npz", compressed_for="XCC")

@@ -71,7 +71,7 @@ def test_files_that_are_none_are_refused(tmp_path, saved):
         mammosim.load_path_lengths(tmp_path / "text.npz")
     with pytest.raises(InputError, match=r"none\.npz: cannot be read"):
         mammosim.load_path_lengths(tmp_path / "none.npz")
-    with pytest.raises(InputError, match=r"found no array geometry; expected an archive written by"):
+    with pytest.raises(InputError, match=r"found no array geometry; expected an archive written"):
         mammosim.load_path_lengths(rewritten(file, geometry=None))
 
 
