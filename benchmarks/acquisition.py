@@ -124,7 +124,7 @@ def efficiency() -> Figure:
         noise.semilogy(frequency, expected, color=COLOURS[name], linewidth=1)
         edge = measured.take(edge_paths(pixel), mas, detector=name, noise=False, focal_spot_mm=0.0)
         mtf = np.interp(frequency, *edge_mtf(edge.picture[measured.MARGIN], pixel))
-        photons = measured.photons_per_mm2(taken.arrival, mas)
+        photons = measured.photons_per_mm2(taken.incident, mas)
         found = detective_efficiency(mtf, nnps, photons)
         whole = measured.model_mtf(name, frequency, 0.0)
         dqe.plot(frequency, found, ".", color=COLOURS[name], markersize=2, label=name)
@@ -238,8 +238,8 @@ def contrast() -> Figure:
 def tomosynthesis() -> Figure:
     """Five of the projections of a generated breast, as the logarithm of the signal."""
     breast = mammosim.generate_phantom(density="scattered", voxel_mm=0.5, seed=1, volume_ml=400)
-    squeezed = mammosim.compress(breast, "CC", resolution_mm=2.0)
-    arc = project_arc(squeezed, {"angle_range_deg": 50.0, "projections": 5}, pixel_mm=0.2)
+    compressed = mammosim.compress(breast, "CC", resolution_mm=2.0)
+    arc = project_arc(compressed, {"angle_range_deg": 50.0, "projections": 5}, pixel_mm=0.2)
     series = expose_arc(arc, mas=90.0)
     figure = Figure(figsize=(10.5, 3.6), layout="constrained")
     panels = figure.subplots(1, 5)

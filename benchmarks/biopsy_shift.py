@@ -80,20 +80,20 @@ def shifts_of(
         keys: dict[str, Any] = {"resolution_mm": 1.0}
         if model == "hyperelastic":
             keys = {"resolution_mm": elements_mm, "plate_edge_mm": EDGES_MM[view]}
-        squeezed = compress(breast, view=view, model=model, **keys)
-        moved = [mean_shift_mm(squeezed.field, origin) for origin in origins]
+        compressed = compress(breast, view=view, model=model, **keys)
+        moved = [mean_shift_mm(compressed.field, origin) for origin in origins]
         nothing = np.zeros(3)
-        raised = squeezed.support_z_mm - bounds_mm(breast, squeezed.view)[0][2]
+        raised = compressed.support_z_mm - bounds_mm(breast, compressed.view)[0][2]
         for origin, shift in zip(origins[:-1], moved[:-1], strict=True):
-            across_x, across_y, along = squeezed.view.rotation @ shift
+            across_x, across_y, along = compressed.view.rotation @ shift
             missed = miss_mm(shift, moved[-1], nothing, nothing)
-            normal = squeezed.view.rotation[2]
+            normal = compressed.view.rotation[2]
             needle = missed - (missed @ normal) * normal
             rows.append(
                 {
                     "seed": seed, "density": density, "view": view, "lesion": origin.name,
-                    "volume_ml": squeezed.measures["volume_before_ml"],
-                    "thickness_mm": squeezed.thickness_mm,
+                    "volume_ml": compressed.measures["volume_before_ml"],
+                    "thickness_mm": compressed.thickness_mm,
                     "shift_mm": float(np.linalg.norm(shift)), "along_mm": float(along),
                     "from_support_mm": float(along - raised),
                     "across_mm": float(np.hypot(across_x, across_y)),
@@ -138,22 +138,22 @@ def time_samples(count: int, model: str, out: Path) -> None:
     if model == "springs":
         given |= {"model": "springs", "resolution_mm": 1.0, "chest_wall": "fixed"}
     breast = make_phantom(config.phantom, config.laterality, config.seed)
-    squeezed = compress(breast, view="CC", **given)
+    compressed = compress(breast, view="CC", **given)
     origins = target_origins(breast)
-    sampler = Sampler(squeezed, CompressionSettings(**given))
+    sampler = Sampler(compressed, CompressionSettings(**given))
     ratio = CompressionSettings(**given).fibres.ratio if sampler.has_fibres else None
     wanted = UncertaintySettings(samples=count)
     samples = draw_samples(wanted, sampler.groups, "LCC", config.seed, ratio)
     start, start_cpu = time.perf_counter(), time.process_time()
     shifts = sampled_shifts(sampler, origins, samples)
     seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
-    nodes = int(np.count_nonzero(squeezed.field.tissue))
+    nodes = int(np.count_nonzero(compressed.field.tissue))
     print(f"{count} samples of {nodes} nodes: {seconds:.1f} s, {cpu:.1f} s of processor time")
     for number in np.flatnonzero(np.isnan(shifts).any(axis=(1, 2))):
         print(f"not converged: {number + 1} ({samples[number]})")
     np.save(out / "shifts.npy", shifts)
     for origin in origins:
-        print(f"{origin.name}: nominal {mean_shift_mm(squeezed.field, origin).round(1)} mm")
+        print(f"{origin.name}: nominal {mean_shift_mm(compressed.field, origin).round(1)} mm")
     for row in uncertainties(origins, {"CC": shifts}):
         axes = f"{row.long_mm:.1f}, {row.middle_mm:.1f}, {row.short_mm:.1f} mm"
         mean = f"{row.shift_x_mm:.1f}, {row.shift_y_mm:.1f}, {row.shift_z_mm:.1f} mm"

@@ -39,10 +39,10 @@ def main() -> None:
             first = time.perf_counter()
             begun: list[float] = []
 
-            def tell(progress: Progress, begun: list[float] = begun) -> None:
+            def on_progress(progress: Progress, begun: list[float] = begun) -> None:
                 begun.append(time.perf_counter())
 
-            run_cohort(cohort, folder, workers=workers, tell=tell)
+            run_cohort(cohort, folder, workers=workers, on_progress=on_progress)
             seconds = begun[-1] - begun[0]
             sizes = {
                 part: sum(

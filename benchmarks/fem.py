@@ -54,26 +54,26 @@ def compare(case: str, folder: Path, sizes: list[float], breast: mammosim.Breast
     before = None
     for size in sizes:
         start = time.process_time()
-        squeezed = mammosim.compress(
+        compressed = mammosim.compress(
             breast, "CC", model="hyperelastic", resolution_mm=size, **CASES[case]
         )
         seconds = time.process_time() - start
-        moved = squeezed.displacement_at(points)
+        moved = compressed.displacement_at(points)
         error = np.linalg.norm(moved - expected, axis=1)
         order = np.log(before[1] / error.mean()) / np.log(before[0] / size) if before else np.nan
         before = size, error.mean()
         poles = CENTRE_MM + 0.9 * RADIUS_MM * np.array([[0, 0, 1], [0, 0, -1]])
-        ends = poles + squeezed.displacement_at(poles)
-        bulge = squeezed.displacement_at([[0.0, 59.0, 0.0], [59.0, 0.0, 0.0]])
+        ends = poles + compressed.displacement_at(poles)
+        bulge = compressed.displacement_at([[0.0, 59.0, 0.0], [59.0, 0.0, 0.0]])
         print(
             f"{size:5.2f} mm  error mean {error.mean():.3f}  95 % {np.percentile(error, 95):.3f}  "
             f"largest {error.max():.3f} mm  order {order:5.2f}  inclusion moves "
             f"{np.round(moved[ball].mean(axis=0), 2)} (reference "
             f"{np.round(expected[ball].mean(axis=0), 2)}), stretch "
             f"{(ends[0] - ends[1])[2] / (1.8 * RADIUS_MM):.3f}  bulge {bulge[0, 1]:.2f}, "
-            f"{bulge[1, 0]:.2f} mm  volume {squeezed.measures['volume_ratio']:.4f}  smallest J "
-            f"{squeezed.measures['smallest_j']:.2f}  force {squeezed.force_n:.2f} N  "
-            f"{squeezed.history.size} steps  {seconds:.1f} CPU s",
+            f"{bulge[1, 0]:.2f} mm  volume {compressed.measures['volume_ratio']:.4f}  smallest J "
+            f"{compressed.measures['smallest_j']:.2f}  force {compressed.force_n:.2f} N  "
+            f"{compressed.history.size} steps  {seconds:.1f} CPU s",
             flush=True,
         )
 

@@ -65,7 +65,7 @@ from mammosim.projection import project
 from mammosim.tissues import load_label_map
 
 CONFIGS = Path(__file__).parents[1] / "configs"
-MOST_SECONDS = 20
+MAX_SECONDS = 20
 """Of the processor; ten times as long by the clock, for a machine that has others to serve."""
 
 RUN_SECONDS = 200
@@ -169,7 +169,7 @@ strangers: list[str] = []
 
 
 class Hang(BaseException):
-    """More than `MOST_SECONDS`."""
+    """More than `MAX_SECONDS`."""
 
 
 def main() -> None:
@@ -253,10 +253,10 @@ class Sound:
             raise RuntimeError(result.output)
         self.run = _contents(folder / "run")
         self.breast = make_phantom(self.settings.phantom, self.settings.laterality)
-        self.squeezed = compress(self.breast, "CC", model="none")
+        self.compressed = compress(self.breast, "CC", model="none")
         make_plan(config_of(EVERYTHING[0], SANDBOX, "warm.yaml"))
         plan_cohort(load_cohort(CONFIGS / "cohort.yaml"))  # compiles what a check needs
-        self.paths = project(self.squeezed, pixel_mm=2.0)
+        self.paths = project(self.compressed, pixel_mm=2.0)
         self.shapes = _shapes(folder)
 
 
@@ -269,7 +269,7 @@ def attempt(
 ) -> int:
     """One input; 1 if something happened that must not."""
     state = rng.getstate()
-    seconds = RUN_SECONDS if trial is try_extremes else MOST_SECONDS
+    seconds = RUN_SECONDS if trial is try_extremes else MAX_SECONDS
     signal.setitimer(signal.ITIMER_PROF, seconds)
     signal.setitimer(signal.ITIMER_REAL, 10 * seconds)
     said = ""
@@ -625,7 +625,7 @@ def try_keywords(sound: Sound, rng: random.Random) -> int:
     """Python's functions with values of any kind for their keywords."""
     function, kind, about = rng.choice((
         (partial(compress, sound.breast, "CC"), "CompressionSettings", {"model": "none"}),
-        (partial(project, sound.squeezed), "ProjectionSettings", {"pixel_mm": 2.0}),
+        (partial(project, sound.compressed), "ProjectionSettings", {"pixel_mm": 2.0}),
         (partial(expose, sound.paths), "AcquisitionSettings", {"scatter": False}),
         (generate_phantom, "GenerateSettings", {}),
     ))  # fmt: skip
@@ -692,7 +692,7 @@ def try_run_folder(sound: Sound, rng: random.Random) -> int:
         return 0
     if not is_finished(folder, sound.settings):
         kept = RunFolder(folder, sound.settings).stages
-        made = sound.squeezed
+        made = sound.compressed
         settings = sound.settings.compression
         kept.compression(sound.settings, settings, made.phantom, made.view, lambda: made)
     if (folder / "run.json").exists():

@@ -79,16 +79,16 @@ def one_breast(density: str, seed: int, voxel_mm: float) -> dict[str, float | st
     start = time.perf_counter()
     breast = mammosim.generate_phantom(density, voxel_mm, seed)
     summary = phantom_summary(breast)
-    squeezed = mammosim.compress(breast, view="CC", **COMPRESSION)
-    paths = mammosim.project(squeezed, pixel_mm=PIXEL_MM, detector_edge_mm=DETECTOR_EDGE_MM)
+    compressed = mammosim.compress(breast, view="CC", **COMPRESSION)
+    paths = mammosim.project(compressed, pixel_mm=PIXEL_MM, detector_edge_mm=DETECTOR_EDGE_MM)
     image = mammosim.expose(paths, seed=seed)
     row = {
         "seed": seed, "density": density, "target_percent": DENSITY_PERCENT[density],
         "percent": summary.fibroglandular_percent,
         "projected_percent": image.measures["volumetric_density_percent"],
-        "volume_ml": summary.breast_ml, "thickness_mm": squeezed.thickness_mm,
+        "volume_ml": summary.breast_ml, "thickness_mm": compressed.thickness_mm,
         "area_cm2": np.count_nonzero(paths.length_mm.sum(axis=0)) * PIXEL_MM**2 / 100.0,
-        "force_n": squeezed.force_n, "pressure_kpa": squeezed.measures["pressure_kpa"],
+        "force_n": compressed.force_n, "pressure_kpa": compressed.measures["pressure_kpa"],
         "exponent": power_law_exponent(image), "seconds": time.perf_counter() - start,
     }  # fmt: skip
     print(" ".join(f"{name} {value:.4g}" if not isinstance(value, str) else value

@@ -42,16 +42,16 @@ IN_FRONT_MM = 20.0
 """Displacements are compared in front of this x, away from the plates' edge, and everywhere."""
 
 
-def compressed(breast: BreastPhantom, **settings: object) -> tuple[CompressedBreast, float]:
+def timed_compression(breast: BreastPhantom, **settings: object) -> tuple[CompressedBreast, float]:
     """A compressed breast, converged or not, and the seconds that it took."""
     start, cpu = time.perf_counter(), time.process_time()
     try:
-        squeezed = mammosim.compress(breast, "CC", **settings)
+        compressed = mammosim.compress(breast, "CC", **settings)
     except mammosim.NotConverged as stop:
         print(f"    did not converge: {stop}")
-        squeezed = stop.reached
+        compressed = stop.reached
     print(f"    {time.process_time() - cpu:.1f} s of both processors")
-    return squeezed, time.perf_counter() - start
+    return compressed, time.perf_counter() - start
 
 
 def grid(breast: BreastPhantom, spacing_mm: float = 2.0) -> NDArray[np.float64]:
@@ -72,13 +72,13 @@ def apart(one: CompressedBreast, other: CompressedBreast, points: NDArray[np.flo
     )
 
 
-def line(squeezed: CompressedBreast, seconds: float) -> str:
+def line(compressed: CompressedBreast, seconds: float) -> str:
     """One result in a line."""
-    m, last = squeezed.measures, squeezed.history[-1]
+    m, last = compressed.measures, compressed.history[-1]
     return (
-        f"{seconds:6.1f} s, {squeezed.history.size} steps, out of balance "
+        f"{seconds:6.1f} s, {compressed.history.size} steps, out of balance "
         f"{m['out_of_balance']:.3f}, error {m['error_mm']:.4f} mm, "
-        f"gap {squeezed.thickness_mm:.1f} mm, {m['force_n']:.1f} N, "
+        f"gap {compressed.thickness_mm:.1f} mm, {m['force_n']:.1f} N, "
         f"volume {m['volume_ratio']:.4f}, "
         f"{m['inverted_cells']:.0f} folded of {m['cells']:.0f}, smallest J {m['smallest_j']:.3f}, "
         f"{last['element_mm']:g} mm"
@@ -90,13 +90,13 @@ def sizes(breast: BreastPhantom, elements: list[float]) -> None:
     points, results, taken = grid(breast), [], []
     moved = None
     for size in elements:
-        squeezed, seconds = compressed(breast, resolution_mm=size, **VICTRE)
-        nodes = int(squeezed.field.tissue.sum())
+        compressed, seconds = timed_compression(breast, resolution_mm=size, **VICTRE)
+        nodes = int(compressed.field.tissue.sum())
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-        print(f"{size:g} mm: {nodes} nodes, {line(squeezed, seconds)}, peak {peak / 1e9:.2f} GB")
-        results.append(squeezed)
+        print(f"{size:g} mm: {nodes} nodes, {line(compressed, seconds)}, peak {peak / 1e9:.2f} GB")
+        results.append(compressed)
         taken.append((nodes, seconds))
-        moved = np.linalg.norm(squeezed.displacement_at(points), axis=1)
+        moved = np.linalg.norm(compressed.displacement_at(points), axis=1)
     if len(elements) > 1 and moved is not None:
         nodes, seconds = np.log(np.array(taken)).T
         print(f"exponent of growth with nodes: {np.polyfit(nodes, seconds, 1)[0]:.2f}")
@@ -108,20 +108,20 @@ def sizes(breast: BreastPhantom, elements: list[float]) -> None:
 def invariance(breast: BreastPhantom, size: float = 4.0) -> None:
     """What must not change the answer, and what it changes."""
     points = grid(breast)
-    base, _ = compressed(breast, resolution_mm=size, **VICTRE)
+    base, _ = timed_compression(breast, resolution_mm=size, **VICTRE)
     numba.set_num_threads(1)
-    single, _ = compressed(breast, resolution_mm=size, **VICTRE)
+    single, _ = timed_compression(breast, resolution_mm=size, **VICTRE)
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     same = np.array_equal(base.field.displacement_mm, single.field.displacement_mm)
     print(f"one thread: {'the same bits' if same else apart(base, single, points)}")
     usual = stages.INCREMENT
     for part in (0.03, 0.12, 0.25):
         stages.INCREMENT = part
-        other, _ = compressed(breast, resolution_mm=size, **VICTRE)
+        other, _ = timed_compression(breast, resolution_mm=size, **VICTRE)
         print(f"increments of {part:g} for {usual:g}: {apart(base, other, points)}")
     stages.INCREMENT = usual
     for tolerance in (0.002, 0.0002):
-        other, _ = compressed(breast, resolution_mm=size, tolerance_mm=tolerance, **VICTRE)
+        other, _ = timed_compression(breast, resolution_mm=size, tolerance_mm=tolerance, **VICTRE)
         print(f"tolerance {tolerance:g} for 0.02 mm: {apart(base, other, points)}")
 
 
@@ -182,9 +182,9 @@ def rough_cases() -> Iterator[tuple[str, BreastPhantom, dict[str, object]]]:
 def robustness(size: float = 3.0) -> None:
     """Cases that stop other codes."""
     for name, breast, settings in rough_cases():
-        squeezed, seconds = compressed(breast, resolution_mm=size, **settings)
-        print(f"{name}: {line(squeezed, seconds)}")
-        for note in squeezed.notes:
+        compressed, seconds = timed_compression(breast, resolution_mm=size, **settings)
+        print(f"{name}: {line(compressed, seconds)}")
+        for note in compressed.notes:
             print(f"    {note}")
 
 
@@ -198,7 +198,7 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.phantom:
         breast = mammosim.read_phantom(arguments.phantom, labels="victre")
-        compressed(breast, resolution_mm=8.0, **VICTRE)  # loads the compiled code
+        timed_compression(breast, resolution_mm=8.0, **VICTRE)  # loads the compiled code
         sizes(breast, arguments.elements)
         if arguments.invariance:
             invariance(breast)

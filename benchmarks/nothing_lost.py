@@ -44,7 +44,7 @@ COHORT = {
     "seed": 7,
 }  # fmt: skip
 TIMES = {"run.json", "report.html", "failure.json"}
-MOST_SECONDS = 1800.0
+MAX_SECONDS = 1800.0
 LONGEST_PAUSE_S = 8.0
 """Between two kills: workers need some seconds to start, and a patient takes one or two."""
 
@@ -103,11 +103,11 @@ def killed_workers(folder: Path, kills: int) -> tuple[str, Path]:
         if owners and kill(rng.choice(owners)):
             done += 1
             moments.append(finished(output))
-    command.wait(MOST_SECONDS)
+    command.wait(MAX_SECONDS)
     status = command.returncode
     if status != 0:
         starts += 1
-        run(folder, output, "--workers", "2", "--resume").wait(MOST_SECONDS)
+        run(folder, output, "--workers", "2", "--resume").wait(MAX_SECONDS)
     return f"{done} workers killed in {starts} starts, with {moments} patients done", output
 
 
@@ -125,7 +125,7 @@ def killed_command(folder: Path, kills: int) -> tuple[str, Path]:
         command.send_signal(signal.SIGKILL)
         command.wait()
         done += 1
-    run(folder, output, "--workers", "2", "--resume").wait(MOST_SECONDS)
+    run(folder, output, "--workers", "2", "--resume").wait(MAX_SECONDS)
     return f"the command killed {done} times and resumed", output
 
 
@@ -142,12 +142,12 @@ def killed_scheduler(folder: Path, kills: int) -> tuple[str, Path]:
             time.sleep(0.01)
         time.sleep(rng.choice([0.0, rng.uniform(0.0, 0.2), rng.uniform(0.0, 2.0)]))
         processes[0].kill()
-        command.wait(MOST_SECONDS)
+        command.wait(MAX_SECONDS)
         statuses[command.returncode] += 1
         for process in processes:
             process.kill()
             process.wait()
-    run(folder, output, "--resume").wait(MOST_SECONDS)
+    run(folder, output, "--resume").wait(MAX_SECONDS)
     return f"{kills} schedulers killed, exit statuses {dict(statuses)}", output
 
 
@@ -182,8 +182,8 @@ def two_runs(folder: Path, kills: int) -> tuple[str, Path]:
     while first.poll() is None and finished(output) < 1:
         time.sleep(0.1)
     second = run(folder, output, "--workers", "1", "--resume")
-    second.wait(MOST_SECONDS)
-    first.wait(MOST_SECONDS)
+    second.wait(MAX_SECONDS)
+    first.wait(MAX_SECONDS)
     return (
         f"the second run's exit status {second.returncode}, the first's {first.returncode}",
         output,
@@ -201,12 +201,12 @@ def full_disk(folder: Path, kills: int) -> tuple[str, Path | None]:
     try:
         output = disk / "out"
         command = run(folder, output, "--workers", "2")
-        command.wait(MOST_SECONDS)
+        command.wait(MAX_SECONDS)
         told = f"{finished(output)} patients done on {size / 1e6:.0f} MB, exit status "
         told += f"{command.returncode}"
         parts = len(list(output.rglob(".part-*")))
         subprocess.run(["mount", "-o", "remount,size=2G", str(disk)], check=True)
-        run(folder, output, "--workers", "2", "--resume").wait(MOST_SECONDS)
+        run(folder, output, "--workers", "2", "--resume").wait(MAX_SECONDS)
         kept = folder / output.name
         subprocess.run(["cp", "-a", str(output), str(kept)], check=True)
     finally:

@@ -113,13 +113,13 @@ def compressed(path: str, view: str, pixel_mm: float, peers: str | None) -> None
     breast = read_phantom(path, labels="victre")
     keys = {"thickness_mm": THICKNESS_MM, "muscle": "fixed", "stiffness": "victre"}
     try:
-        squeezed = compress(breast, view, **keys)
+        compressed = compress(breast, view, **keys)
     except NotConverged as stop:  # as good for timing: it is a few thousandths of a node off
         print(f"compressed: {stop}")
-        squeezed = stop.reached
-    inverse = squeezed.inverse
-    project(squeezed, pixel_mm=2.0)
-    paths, wall, cpu = timed(lambda: project(squeezed, pixel_mm=pixel_mm), 3)
+        compressed = stop.reached
+    inverse = compressed.inverse
+    project(compressed, pixel_mm=2.0)
+    paths, wall, cpu = timed(lambda: project(compressed, pixel_mm=pixel_mm), 3)
     print(
         f"compressed, {view}, {paths.length_mm.shape} [channel, row, column] of {pixel_mm:g} mm: "
         f"{wall:.2f} s on {numba.get_num_threads()} threads, {cpu:.2f} CPU s"
@@ -130,7 +130,7 @@ def compressed(path: str, view: str, pixel_mm: float, peers: str | None) -> None
             channels[label] = 1 + material_order(paths, tissue) if tissue != "air" else 0
         job = {
             "what": "warp", "volume": breast.labels, "voxel_mm": breast.voxel_mm,
-            "origin_mm": breast.origin_mm, "rotation": squeezed.view.rotation,
+            "origin_mm": breast.origin_mm, "rotation": compressed.view.rotation,
             "channels": channels, "inverse_origin_mm": inverse.frame.origin_mm,
             "inverse_spacing_mm": inverse.frame.spacing_mm, "original_mm": inverse.original_mm,
             "threads": numba.get_num_threads(),
@@ -181,11 +181,11 @@ def report(rows: list[dict[str, Any]], ours: np.ndarray) -> None:
 
 
 def large(n: int, pixel_mm: float) -> None:
-    """A half ball of n cubed voxels of 0.1 mm, squeezed by a smooth displacement."""
-    squeezed = made_up(n)
+    """A half ball of n cubed voxels of 0.1 mm, compressed by a smooth displacement."""
+    compressed = made_up(n)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     start = time.perf_counter()
-    paths = project(squeezed, pixel_mm=pixel_mm)
+    paths = project(compressed, pixel_mm=pixel_mm)
     seconds = time.perf_counter() - start
     after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     print(

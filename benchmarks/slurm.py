@@ -24,7 +24,7 @@ from typing import Any
 import psutil
 from distributed import Client
 from nothing_lost import COHORT, data_of, finished, pid_in
-from slurm_site import MOST_SECONDS, NODES, Site, enter, job_of, network_of, shell, wait
+from slurm_site import MAX_SECONDS, NODES, Site, enter, job_of, network_of, shell, wait
 
 from mammosim.config import write_yaml
 
@@ -105,7 +105,7 @@ def late_workers(site: Site, output: Path, cancel: int) -> str:
         shell("scontrol update nodename=n[2-3] state=resume")
         wait(lambda: len(client.nthreads()) == len(NODES), "no worker came later")
         found = list(client.run(options).values())
-    status = script.wait(MOST_SECONDS)
+    status = script.wait(MAX_SECONDS)
     kernels = len(list((site.folder / "tmp" / "numba").rglob("*.nbc")))
     return (
         f"{before} worker, then {len(found)}, the first with {found[0]}; {kernels} kernels kept; "
@@ -134,7 +134,7 @@ def cancelled_jobs(site: Site, output: Path, cancel: int) -> str:
         if jobs:
             moments.append(finished(output))
             shell(f"scancel {rng.choice(jobs)}")
-    status = script.wait(MOST_SECONDS)
+    status = script.wait(MAX_SECONDS)
     return f"{len(moments)} cancelled, with {moments} patients done, exit status {status}"
 
 
@@ -143,7 +143,7 @@ def lost_node(site: Site, output: Path, cancel: int) -> str:
     script, node = start(output), network_of(site.nodes[1].pid)
     wait(lambda: node in map(network_of, owners(output)), "the node never worked")
     gone = site.stop_node(1)
-    status = script.wait(MOST_SECONDS)
+    status = script.wait(MAX_SECONDS)
     site.start_node(1)
     site.wait_for_jobs()
     site.wait_for_nodes()
@@ -152,19 +152,19 @@ def lost_node(site: Site, output: Path, cancel: int) -> str:
 
 def ended_lifetimes(site: Site, output: Path, cancel: int) -> str:
     """Workers that end by themselves, most of them with a patient."""
-    return f"exit status {start(output, lifetime='30s', stagger='5s').wait(MOST_SECONDS)}"
+    return f"exit status {start(output, lifetime='30s', stagger='5s').wait(MAX_SECONDS)}"
 
 
 def wall_time(site: Site, output: Path, cancel: int) -> str:
     """Jobs that SLURM ends."""
-    return f"exit status {start(output, walltime='00:01:00', jobs=1).wait(MOST_SECONDS)}"
+    return f"exit status {start(output, walltime='00:01:00', jobs=1).wait(MAX_SECONDS)}"
 
 
 def script_as_job(site: Site, output: Path, cancel: int) -> str:
     """The script submitted, too; nobody types anything."""
     place, words = prepare(output, 1, 3)
     job = ["sbatch", "--wait", "--mem=2G", f"--chdir={place}", "--wrap", shlex.join(words)]
-    status = subprocess.run(job, stdout=subprocess.DEVNULL, timeout=MOST_SECONDS).returncode
+    status = subprocess.run(job, stdout=subprocess.DEVNULL, timeout=MAX_SECONDS).returncode
     return f"exit status {status}"
 
 
@@ -174,16 +174,16 @@ def killed_script(site: Site, output: Path, cancel: int) -> str:
     wait(lambda: finished(output) >= 2, "no patients were made")
     command, reached = psutil.Process(script.pid).children()[0], finished(output)
     script.kill()
-    status = command.wait(MOST_SECONDS)  # its parent gone, it is a child of this process
+    status = command.wait(MAX_SECONDS)  # its parent gone, it is a child of this process
     said = output.with_suffix(".log").read_text().strip().splitlines()[-1]
     site.wait_for_jobs()
-    again = start(output).wait(MOST_SECONDS)
+    again = start(output).wait(MAX_SECONDS)
     return f"with {reached} done, exit status {status}, {said!r}; started again, {again}"
 
 
 def small_jobs(output: Path) -> str:
     """Jobs too small for any patient."""
-    status = start(output, memory="600MB").wait(MOST_SECONDS)
+    status = start(output, memory="600MB").wait(MAX_SECONDS)
     with (output / "failures.csv").open(newline="") as lines:
         failures = list(csv.DictReader(lines))
     return f"{len(failures)} failures, the first {failures[0]['reason']!r}; exit status {status}"

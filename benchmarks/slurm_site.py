@@ -26,7 +26,7 @@ NODES = (1, 2, 3)
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "ip", "setpriv", "unshare")
 SPACES = ("unshare", "--net", "--uts", "--mount", "--pid", "--fork", "--mount-proc", "--kill-child")
 WITH_ITS_PARENT = ("setpriv", "--pdeathsig", "KILL")
-MOST_SECONDS = 900.0
+MAX_SECONDS = 900.0
 
 SLURM_CONF = """
 ClusterName=trial
@@ -161,7 +161,7 @@ def shell(line: str) -> str:
 
 def wait(due: Callable[[], object], otherwise: str) -> None:
     """Wait until something is so."""
-    until = time.monotonic() + MOST_SECONDS
+    until = time.monotonic() + MAX_SECONDS
     while not due():
         if time.monotonic() > until:
             sys.exit(otherwise)

@@ -56,16 +56,16 @@ def main() -> None:
         print(f"{time.perf_counter() - start:7.1f} s  {row['nodes']:>9} nodes, axis {row['axis']}: "
               f"{row['error_estimate_voxel']:.4f} voxel, {row['nodes_held']} held")  # fmt: skip
 
-    squeezed = compress(
+    compressed = compress(
         breast, "CC", watch=print_row, thickness_mm=THICKNESS_MM,
         resolution_mm=EXTENT_MM / voxels, tolerance_voxel=0.01, plate_edge_mm=10.0,
     )  # fmt: skip
     seconds = time.perf_counter() - start
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    nodes = int(squeezed.history["nodes"].max())
-    print(f"{nodes} tissue nodes, converged {squeezed.converged}: {seconds:.1f} s, "
+    nodes = int(compressed.history["nodes"].max())
+    print(f"{nodes} tissue nodes, converged {compressed.converged}: {seconds:.1f} s, "
           f"peak {peak / 1e9:.2f} GB, {peak / nodes:.0f} bytes a node")  # fmt: skip
-    for name, value in squeezed.measures.items():
+    for name, value in compressed.measures.items():
         print(f"{name}: {value:.6g}")
 
 

@@ -210,17 +210,17 @@ def compression(scale: float) -> dict[str, Any]:
 def reverse(scale: float) -> dict[str, Any]:
     """Section 3.5: the plates taken away from the compressed state, without and with a guess."""
     problem = half_ellipsoid(scale, CASES[REVERSED_CASE])
-    squeezed, rest = equilibrium(problem, 1e-3), [0.0, 0.0, 0.0]
+    compressed, rest = equilibrium(problem, 1e-3), [0.0, 0.0, 0.0]
     free = problem.released()
-    _, sums, rows = follow(free, rest, REVERSE_STOPS, squeezed, limit=0.0)
+    _, sums, rows = follow(free, rest, REVERSE_STOPS, compressed, limit=0.0)
     guessed, guessed_sums, guessed_rows = follow(free, rest, REVERSE_STOPS)
     begin = time.process_time()
-    fast = equilibrium(free, 1e-3, start=squeezed)
+    fast = equilibrium(free, 1e-3, start=compressed)
     seconds = time.process_time() - begin
     left = distance(free, fast.displacement, rest)
     return {
         "case": REVERSED_CASE,
-        "start": {"mean": float(distance(problem, squeezed.displacement, rest).mean())},
+        "start": {"mean": float(distance(problem, compressed.displacement, rest).mean())},
         "counted_nodes": int(sums[-1, 3]),
         "criterion_sweep": criterion_sweep(sums),
         "stops": rows,

@@ -163,7 +163,7 @@ def time_rows(
 
 
 def ball_figures(cases: dict[str, Any]) -> dict[str, Any]:
-    """Least and most that an abnormality moved and was squeezed at the highest compression."""
+    """Least and most that an abnormality moved and was compressed at the highest compression."""
     balls = cases["80-35"]["moved"]["abnormalities"]
     return {
         "distance": [f([ball["distance"] for ball in balls]) for f in (min, max)],

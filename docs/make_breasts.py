@@ -45,8 +45,8 @@ def main() -> None:
 def picture(breast: mammosim.BreastPhantom, view: str) -> Image.Image:
     """A view for presentation, without the air beyond the nipple."""
     edge = EDGE_MM[view]
-    squeezed = mammosim.compress(breast, view=view, plate_edge_mm=edge, **COMPRESSION)
-    paths = mammosim.project(squeezed, pixel_mm=PIXEL_MM, detector_edge_mm=edge + ROUNDING_MM)
+    compressed = mammosim.compress(breast, view=view, plate_edge_mm=edge, **COMPRESSION)
+    paths = mammosim.project(compressed, pixel_mm=PIXEL_MM, detector_edge_mm=edge + ROUNDING_MM)
     image = mammosim.expose(paths, seed=1)
     grey = image.for_presentation.astype(float) * (255.0 / 4095.0)
     whole = Image.fromarray(np.clip(grey, 0.0, 255.0).astype(np.uint8))

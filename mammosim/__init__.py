@@ -3,8 +3,8 @@
 The stages can be called one by one::
 
     breast = mammosim.generate_phantom(density="scattered", voxel_mm=0.5, seed=1)
-    squeezed = mammosim.compress(breast, view="CC", thickness_mm=50.0)
-    paths = mammosim.project(squeezed, pixel_mm=0.1)
+    compressed = mammosim.compress(breast, view="CC", thickness_mm=50.0)
+    paths = mammosim.project(compressed, pixel_mm=0.1)
     image = mammosim.expose(paths, seed=1)
 
 or all at once from a configuration::

@@ -209,29 +209,29 @@ if hasattr(os, "register_at_fork"):  # a fork has none of its parent's threads
 
 
 @contextmanager
-def watch_compiling(tell: Callable[[str | None], None]) -> Iterator[None]:
+def watch_compiling(on_progress: Callable[[str | None], None]) -> Iterator[None]:
     """Tell of every kernel that has to be compiled: its name, and None when it is there.
 
     What is loaded from the cache on disk, and what is compiled as a part of another kernel, is not
     told of. Kernels are compiled one at a time, on whichever thread comes first.
     """
-    with install_listener("numba:compile", _Watch(tell)):
+    with install_listener("numba:compile", _Watch(on_progress)):
         yield
 
 
 class _Watch(Listener):
-    def __init__(self, tell: Callable[[str | None], None]) -> None:
-        self._tell, self._depth = tell, 0
+    def __init__(self, on_progress: Callable[[str | None], None]) -> None:
+        self._on_progress, self._depth = on_progress, 0
 
     def on_start(self, event: Event) -> None:
         if self._depth == 0:
-            self._tell(event.data["dispatcher"].py_func.__name__)
+            self._on_progress(event.data["dispatcher"].py_func.__name__)
         self._depth += 1
 
     def on_end(self, event: Event) -> None:
         self._depth -= 1
         if self._depth == 0:
-            self._tell(None)
+            self._on_progress(None)
 
 
 def use_threads(count: int) -> None:

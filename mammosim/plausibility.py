@@ -197,7 +197,7 @@ def limit_of(quantity: str) -> Limit:
 
 
 @dataclass(frozen=True)
-class Doubt:
+class PlausibilityWarning:
     """A quantity outside its plausible range.
 
     Parameters
@@ -225,7 +225,7 @@ class Doubt:
         return f"{limit.name}{FOUND} {self.value:.4g}{unit}, {allowed}; {limit.advice}"
 
 
-def doubts(quantities: Mapping[str, float]) -> tuple[Doubt, ...]:
+def plausibility_warnings(quantities: Mapping[str, float]) -> tuple[PlausibilityWarning, ...]:
     """Quantities outside their plausible range, in the table's order.
 
     Parameters
@@ -235,7 +235,7 @@ def doubts(quantities: Mapping[str, float]) -> tuple[Doubt, ...]:
 
     Returns
     -------
-    tuple of Doubt
+    tuple of PlausibilityWarning
 
     Raises
     ------
@@ -244,10 +244,10 @@ def doubts(quantities: Mapping[str, float]) -> tuple[Doubt, ...]:
 
     Examples
     --------
-    >>> [str(doubt) for doubt in doubts({"tube_load_mas": 1172.0})]
+    >>> [str(warning) for warning in plausibility_warnings({"tube_load_mas": 1172.0})]
     ['tube load: found 1172 mAs, plausible up to 600 mAs; no unit makes such an exposure; check \
 acquisition.mas, kvp and the thickness']
-    >>> doubts({"paddle_force_n": 122.0})
+    >>> plausibility_warnings({"paddle_force_n": 122.0})
     ()
     """
     unknown = set(quantities) - set(_BY_QUANTITY)
@@ -259,7 +259,7 @@ acquisition.mas, kvp and the thickness']
             continue
         value = float(quantities[limit.quantity])
         if not value <= limit.error_above:
-            found.append(Doubt(limit, value, "error"))
+            found.append(PlausibilityWarning(limit, value, "error"))
         elif not limit.low <= value <= limit.high:
-            found.append(Doubt(limit, value, "warning"))
+            found.append(PlausibilityWarning(limit, value, "warning"))
     return tuple(found)

@@ -10,7 +10,7 @@ from mammosim.compression.springs import SpringProblem
 def half_ellipsoid(
     shape: tuple[int, int, int] = (16, 28, 26), gap: float = 0.55, stiff: bool = True
 ) -> SpringProblem:
-    """A small breast with a stiffer core, squeezed to a part of its height."""
+    """A small breast with a stiffer core, compressed to a part of its height."""
     nx, ny, nz = shape
     i, j, k = np.ogrid[:nx, :ny, :nz]
     y, z = (ny - 1) / 2, (nz - 1) / 2

@@ -6,7 +6,7 @@ from naive.acquisition import body_paths
 
 from mammosim.acquisition import AcquisitionSettings, expose
 from mammosim.acquisition.blur import blur_shadow, filter_image, spot_width_mm
-from mammosim.acquisition.recording import arrive
+from mammosim.acquisition.recording import detector_input
 from mammosim.errors import InputError
 
 PIXEL_MM = 0.1
@@ -81,7 +81,7 @@ def test_a_larger_spot_blurs_more_and_none_blurs_least():
         settings = AcquisitionSettings(
             focal_spot_mm=spot_mm, kvp=28.0, mas=50.0, scatter=False, grid=False
         )
-        line = arrive(paths, settings).signal[10].astype(float)
+        line = detector_input(paths, settings).signal[10].astype(float)
         contrast.append(1.0 - line[100] / line[:80].mean())
     assert contrast[0] > contrast[1] > contrast[2] > 0.3 * contrast[0]
 

@@ -11,7 +11,7 @@ from mammosim.acquisition.detectors import find_detector
 from mammosim.acquisition.exposure import dense_signal
 from mammosim.acquisition.exposure_limits import WHITE, with_warnings
 from mammosim.acquisition.noise import noise_through_blur
-from mammosim.acquisition.recording import arrive
+from mammosim.acquisition.recording import detector_input
 from mammosim.acquisition.signal import response
 from mammosim.acquisition.spectrum import make_beam
 from mammosim.errors import InputError
@@ -268,9 +268,9 @@ def test_an_exposure_that_nobody_makes_is_doubted(mas, said):
 
 
 def test_saturated_pixels_of_the_breast_are_counted(image):
-    arrival = arrive(phantom(), AcquisitionSettings())
+    incident = detector_input(phantom(), AcquisitionSettings())
     white = replace(image, for_processing=np.full_like(image.for_processing, WHITE), notes=())
-    said = " ".join(with_warnings(white, arrival, image.mas).notes)
+    said = " ".join(with_warnings(white, incident, image.mas).notes)
     assert "share of saturated pixels in the breast: found 100 %" in said
 
 

@@ -7,7 +7,7 @@ from naive.acquisition import body_paths
 from mammosim.acquisition import AcquisitionSettings, expose
 from mammosim.acquisition.detectors import find_detector
 from mammosim.acquisition.heel import TUBE_TILT_DEG, heel_ratio
-from mammosim.acquisition.recording import arrive
+from mammosim.acquisition.recording import detector_input
 from mammosim.acquisition.signal import response
 from mammosim.acquisition.spectrum import make_beam
 from mammosim.acquisition.tube import tube_fluence
@@ -65,7 +65,8 @@ def test_columns_get_their_own_beam(laterality):
     )
     keys = {"kvp": 28.0, "mas": 50.0, "scatter": False}
     plain, heel = (
-        arrive(paths, AcquisitionSettings(heel=heel, **keys)).signal[3] for heel in (False, True)
+        detector_input(paths, AcquisitionSettings(heel=heel, **keys)).signal[3]
+        for heel in (False, True)
     )
     ratio = (heel / plain)[:: 1 if laterality == "L" else -1]  # from the chest wall
     assert np.all(np.diff(ratio.reshape(9, 20).mean(axis=1)) < 0.0)

@@ -17,7 +17,7 @@ from mammosim.acquisition.attenuation import BEAM_MATERIALS, attenuation_per_mm
 from mammosim.acquisition.blur import spot_width_mm
 from mammosim.acquisition.noise import noise_through_blur
 from mammosim.acquisition.quality import detective_efficiency, edge_mtf, noise_power
-from mammosim.acquisition.recording import Arrival, arrive, record
+from mammosim.acquisition.recording import DetectorInput, detector_input, record
 from mammosim.acquisition.spectrum import make_beam
 from mammosim.config import write_yaml
 from mammosim.tissues import composition
@@ -35,15 +35,15 @@ class Taken:
     """A picture: recorded energy in keV/pixel, what arrived, and its variance over its signal."""
 
     picture: np.ndarray
-    arrival: Arrival
+    incident: DetectorInput
     energy_kev: float
 
 
 def take(paths, mas, seed=1, **keys):
-    arrival = arrive(paths, AcquisitionSettings(**{**PLAIN, **keys}))
-    energy = arrival.mean_energy_kev  # recording overwrites what arrived
-    signal, _ = record(arrival, mas, np.random.default_rng(seed))
-    return Taken(signal.astype(np.float64), arrival, energy)
+    incident = detector_input(paths, AcquisitionSettings(**{**PLAIN, **keys}))
+    energy = incident.mean_energy_kev  # recording overwrites what arrived
+    signal, _ = record(incident, mas, np.random.default_rng(seed))
+    return Taken(signal.astype(np.float64), incident, energy)
 
 
 @functools.cache
@@ -56,14 +56,14 @@ def flat_noise(detector, mas):
     return *noise_power([field.picture for field in fields], PIXEL_MM[detector]), fields[0]
 
 
-def photons_per_mm2(arrival, mas, behind_mm=FLAT_MM):
+def photons_per_mm2(incident, mas, behind_mm=FLAT_MM):
     """Photons that reach the detector behind fat (the settings of this file have no grid)."""
-    beam = arrival.beam
+    beam = incident.beam
     fat = composition("hammerstein", "oxalate")["adipose"]
     carbon = BEAM_MATERIALS["carbon fibre"]
     depth = attenuation_per_mm(fat, beam.energy_kev) * behind_mm
-    depth += attenuation_per_mm(carbon, beam.energy_kev) * arrival.settings.support_mm
-    height = arrival.paths.gantry.focal_spot_height_mm
+    depth += attenuation_per_mm(carbon, beam.energy_kev) * incident.settings.support_mm
+    height = incident.paths.gantry.focal_spot_height_mm
     return float(mas * (beam.fluence_at(height) * np.exp(-depth)).sum())
 
 
@@ -136,7 +136,7 @@ def test_detective_quantum_efficiency(detector):
     model, pixel, mean = DETECTORS[detector], PIXEL_MM[detector], taken.picture.mean()
     edge = take(edge_paths(pixel), mas, detector=detector, noise=False, focal_spot_mm=0.0)
     mtf = np.interp(frequency, *edge_mtf(edge.picture[MARGIN], pixel))
-    photons = photons_per_mm2(taken.arrival, mas)
+    photons = photons_per_mm2(taken.incident, mas)
     found = detective_efficiency(mtf, nnps, photons)
     blur2 = model.transfer(frequency) ** 2
     variance = taken.energy_kev * mean * blur2 + model.electronic_noise_kev**2
@@ -172,14 +172,14 @@ def published_dqe(tmp_path, detector, exposure_mr, low=0.1, high=1.2):
     }  # fmt: skip
     pixel = PIXEL_MM[detector]
     paths = slab_paths(pixel, 45.0)
-    arrival = arrive(paths, AcquisitionSettings(**{**PLAIN, **keys}))
+    incident = detector_input(paths, AcquisitionSettings(**{**PLAIN, **keys}))
     material = composition(lucite(tmp_path), "oxalate")["adipose"]
-    beam = arrival.beam
+    beam = incident.beam
     behind = beam.fluence_at(650.0) * np.exp(-45.0 * attenuation_per_mm(material, beam.energy_kev))
     weights = type(beam)("Mo", "Mo", 0.03, 28.0, beam.energy_kev, behind)
     ugy_per_mas = 1e3 * weights.kerma_mgy_mas(1000.0)  # as it is, without the square law
     mas = exposure_mr * UGY_PER_MR / ugy_per_mas
-    field, _ = record(arrival, mas, np.random.default_rng(5))
+    field, _ = record(incident, mas, np.random.default_rng(5))
     frequency, nnps = noise_power([field], pixel)
     edge = take(edge_paths(pixel), 50.0, noise=False, **keys)
     mtf = np.interp(frequency, *edge_mtf(edge.picture[MARGIN], pixel))
@@ -265,7 +265,7 @@ def test_contrast_and_signal_difference_to_noise_of_a_disc():
         return step / ring.mean(), step / ring.std(), taken
 
     contrast, _, quiet = measure(100.0, noise=False)
-    unit = quiet.arrival.unit
+    unit = quiet.incident.unit
     materials = composition("hammerstein", "oxalate")
     fat, gland = (attenuation_per_mm(materials[m], unit.energy_kev) for m in ("adipose", "gland"))
     behind = [unit.energy_weight[0] @ np.exp(-50.0 * fat - t * (gland - fat)) for t in (0.0, 4.0)]

@@ -1,4 +1,4 @@
-"""From mammogram to needle: exact answers for breasts squeezed by formula, and a run's table."""
+"""From mammogram to needle: exact answers for breasts compressed by formula, and a run's table."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ def held(body, view_name, scale, model="springs"):
     )  # fmt: skip
 
 
-def targets_of(squeezed, in_field=True):
+def targets_of(compressed, in_field=True):
     """Rows with what `aim_needles` takes of them."""
-    body = squeezed.phantom
+    body = compressed.phantom
     places = [
         ("m", "mass", body.lesions[0].position_mm),
         ("edge", "landmark", body.landmarks[0].position_mm),
@@ -62,9 +62,9 @@ def targets_of(squeezed, in_field=True):
     ]
     rows = []
     for number, (name, kind, place) in enumerate(places, start=1):
-        shift = squeezed.displacement_at(place)[0]
+        shift = compressed.displacement_at(place)[0]
         rows.append(
-            Target(number, name, kind, squeezed.view.name, 1.0, *place, "12:00", 1.0, 1.0,
+            Target(number, name, kind, compressed.view.name, 1.0, *place, "12:00", 1.0, 1.0,
                    0.0, 0.0, 0.0, *shift, float(np.linalg.norm(shift)), 1.0, 1.0, 1.0, 0.0, 0.0,
                    0.0, in_field)
         )  # fmt: skip

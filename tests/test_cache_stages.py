@@ -68,13 +68,13 @@ def test_a_folder_holds_what_is_made_without_one(user, first):
     """The generated breast is open to the axilla, which is left out of this view."""
     study = simulate(load_config(user / "generated.yaml"))
     assert study.breast.open_end is not None
-    held = study.views["LCC"].squeezed.phantom
+    held = study.views["LCC"].compressed.phantom
     assert np.count_nonzero(held.labels) < np.count_nonzero(study.breast.labels)
     picture = tifffile.imread(first / "LCC" / "mammogram.tif")
     np.testing.assert_array_equal(picture, study.views["LCC"].mammogram.for_processing)
     resumed = simulate(load_config(user / "generated.yaml"), RunFolder(
         user / "kept", load_config(user / "generated.yaml"), "kept", [first]))  # fmt: skip
-    np.testing.assert_array_equal(resumed.views["LCC"].squeezed.phantom.labels, held.labels)
+    np.testing.assert_array_equal(resumed.views["LCC"].compressed.phantom.labels, held.labels)
 
 
 @pytest.mark.parametrize(
@@ -230,9 +230,9 @@ def test_a_folder_that_cannot_be_made_is_said_plainly(tmp_path):
 
 
 def test_what_is_kept_comes_back_bit_by_bit():
-    squeezed = make_compressed(View("MLO", "R"), notes=("½ a note",))
+    compressed = make_compressed(View("MLO", "R"), notes=("½ a note",))
     arrays: dict = {}
-    text = json.dumps(pack(squeezed, arrays))
+    text = json.dumps(pack(compressed, arrays))
     back = unpack(json.loads(text), arrays)
     again: dict = {}
     assert json.dumps(pack(back, again)) == text
@@ -240,7 +240,7 @@ def test_what_is_kept_comes_back_bit_by_bit():
     for name in arrays:
         assert arrays[name].dtype == again[name].dtype
         assert arrays[name].tobytes() == again[name].tobytes()
-    assert dict(back.measures) == dict(squeezed.measures)
+    assert dict(back.measures) == dict(compressed.measures)
     assert back.phantom.lesions[0].name == make_phantom().lesions[0].name
 
 

@@ -13,7 +13,7 @@ from mammosim.compression import compress, hyperelastic_model, spring_model
 from mammosim.compression.lattice import (
     breast_volume_ml,
     build_lattice,
-    tissue_front,
+    posterior_limits,
     tissue_mean,
 )
 from mammosim.compression.plate_balance import PlateForces
@@ -30,7 +30,7 @@ def breast():
 
 
 @pytest.fixture(scope="module")
-def squeezed(breast):
+def compressed(breast):
     return compress(breast, "CC", thickness_mm=32.0, resolution_mm=2.0)
 
 
@@ -39,57 +39,57 @@ def tissue_points(breast, step: int = 3) -> np.ndarray:
     return breast.frame.position_mm(index)
 
 
-def test_tissue_lies_between_the_plates(breast, squeezed):
+def test_tissue_lies_between_the_plates(breast, compressed):
     points = tissue_points(breast)
-    moved = points + squeezed.displacement_at(points)
-    between = moved[:, 0] > squeezed.plate_edge_mm
+    moved = points + compressed.displacement_at(points)
+    between = moved[:, 0] > compressed.plate_edge_mm
     # Nodes are bounded; the fine surface may stand out by half a node spacing.
-    assert moved[between, 2].min() > squeezed.support_z_mm - 1.0
-    assert moved[between, 2].max() < squeezed.paddle_z_mm + 1.0
-    assert squeezed.thickness_mm == 32.0
+    assert moved[between, 2].min() > compressed.support_z_mm - 1.0
+    assert moved[between, 2].max() < compressed.paddle_z_mm + 1.0
+    assert compressed.thickness_mm == 32.0
 
 
-def test_chest_wall_stays(breast, squeezed):
+def test_chest_wall_stays(breast, compressed):
     wall = breast.frame.position_mm(np.argwhere(breast.labels[:1] > 0))
-    assert np.abs(squeezed.displacement_at(wall)).max() < 1e-6
+    assert np.abs(compressed.displacement_at(wall)).max() < 1e-6
 
 
-def test_volume_is_kept_roughly_and_reported(squeezed):
-    assert 0.85 < squeezed.measures["volume_ratio"] < 1.05
-    assert squeezed.force_n > 0.0
-    assert squeezed.measures["pressure_kpa"] == pytest.approx(
-        1e3 * squeezed.force_n / squeezed.measures["contact_area_mm2"]
+def test_volume_is_kept_roughly_and_reported(compressed):
+    assert 0.85 < compressed.measures["volume_ratio"] < 1.05
+    assert compressed.force_n > 0.0
+    assert compressed.measures["pressure_kpa"] == pytest.approx(
+        1e3 * compressed.force_n / compressed.measures["contact_area_mm2"]
     )
-    assert squeezed.converged
-    assert squeezed.history.size > 0
+    assert compressed.converged
+    assert compressed.history.size > 0
 
 
-def test_original_point_is_the_inverse(breast, squeezed):
+def test_original_point_is_the_inverse(breast, compressed):
     points = tissue_points(breast)
-    back = squeezed.original_point(points + squeezed.displacement_at(points))
+    back = compressed.original_point(points + compressed.displacement_at(points))
     missed = np.linalg.norm(back - points, axis=1)
     # Cells that the model folds near the plates' edge have several originals; all others are exact.
     assert np.isfinite(missed).all()
     assert (missed < 1e-4).mean() > 0.98
 
 
-def test_original_point_is_unknown_where_no_tissue_came(squeezed):
-    assert np.isnan(squeezed.original_point([[10.0, 0.0, 60.0], [500.0, 0.0, 0.0]])).all()
+def test_original_point_is_unknown_where_no_tissue_came(compressed):
+    assert np.isnan(compressed.original_point([[10.0, 0.0, 60.0], [500.0, 0.0, 0.0]])).all()
 
 
-def test_displacement_is_finite_one_cell_around_the_tissue(breast, squeezed):
+def test_displacement_is_finite_one_cell_around_the_tissue(breast, compressed):
     points = tissue_points(breast, 1)
     for shift in np.vstack([np.eye(3), -np.eye(3)]) * 2.0:
-        assert np.isfinite(squeezed.displacement_at(points + shift)).all()
+        assert np.isfinite(compressed.displacement_at(points + shift)).all()
 
 
-def test_deformation_gradient_is_that_of_the_displacement(squeezed):
+def test_deformation_gradient_is_that_of_the_displacement(compressed):
     points = np.array([[12.3, 4.1, -3.2], [20.4, -9.7, 6.6]])
-    gradient = squeezed.field.deformation_gradient_at(points)
+    gradient = compressed.field.deformation_gradient_at(points)
     step = 1e-4
     for axis in range(3):
         shift = np.eye(3)[axis] * step
-        ahead, behind = (squeezed.displacement_at(points + sign * shift) for sign in (1, -1))
+        ahead, behind = (compressed.displacement_at(points + sign * shift) for sign in (1, -1))
         expected = (ahead - behind) / (2 * step) + np.eye(3)[axis]
         # Single-precision displacements of 10 mm over a difference of 0.2 um.
         np.testing.assert_allclose(gradient[:, :, axis], expected, atol=1e-5)
@@ -98,14 +98,14 @@ def test_deformation_gradient_is_that_of_the_displacement(squeezed):
 @pytest.mark.parametrize("laterality", ["L", "R"])
 @pytest.mark.parametrize("view", ["CC", "MLO", "ML"])
 def test_plates_squeeze_along_their_normal(laterality, view):
-    squeezed = compress(
+    compressed = compress(
         half_ellipsoid_breast(laterality), view, thickness_mm=36.0, resolution_mm=3.0
     )
-    normal = squeezed.view.rotation.T @ [0.0, 0.0, 1.0]
+    normal = compressed.view.rotation.T @ [0.0, 0.0, 1.0]
     medial = 1.0 if laterality == "R" else -1.0
     angle = {"CC": 0.0, "MLO": np.pi / 4, "ML": np.pi / 2}[view]
     np.testing.assert_allclose(normal, [0, medial * np.sin(angle), np.cos(angle)], atol=1e-12)
-    above, below = squeezed.displacement_at(
+    above, below = compressed.displacement_at(
         np.outer([18.0, -18.0], normal) + np.array([15.0, 0, 0])
     )
     assert above @ normal < -2.0
@@ -124,24 +124,24 @@ def test_left_and_right_breasts_are_mirror_images():
     assert np.median(np.abs(left - right * mirror)) < 3e-3
 
 
-def test_solvers_give_the_same_displacement(breast, squeezed):
+def test_solvers_give_the_same_displacement(breast, compressed):
     relaxed = compress(breast, "CC", thickness_mm=32.0, resolution_mm=2.0, solver="relaxation")
     points = tissue_points(breast)
-    gap = squeezed.displacement_at(points) - relaxed.displacement_at(points)
+    gap = compressed.displacement_at(points) - relaxed.displacement_at(points)
     assert np.linalg.norm(gap, axis=1).mean() < 0.1 * 2.0
     assert {"sum_dx_voxel", "nodes_counted"} <= set(relaxed.history.dtype.names)
 
 
 def test_plates_can_be_given_by_their_heights(breast):
-    squeezed = compress(breast, "CC", support_z_mm=-16.0, paddle_z_mm=18.0, resolution_mm=3.0)
-    assert (squeezed.support_z_mm, squeezed.paddle_z_mm) == (-16.0, 18.0)
+    compressed = compress(breast, "CC", support_z_mm=-16.0, paddle_z_mm=18.0, resolution_mm=3.0)
+    assert (compressed.support_z_mm, compressed.paddle_z_mm) == (-16.0, 18.0)
 
 
 def test_thickness_follows_the_population_and_says_so(breast):
     volume = breast_volume_ml(breast)
-    squeezed = compress(breast, "CC", resolution_mm=3.0)
-    assert squeezed.thickness_mm == pytest.approx(population_thickness_mm("CC", volume), abs=0.1)
-    assert any("population fit" in note for note in squeezed.notes)
+    compressed = compress(breast, "CC", resolution_mm=3.0)
+    assert compressed.thickness_mm == pytest.approx(population_thickness_mm("CC", volume), abs=0.1)
+    assert any("population fit" in note for note in compressed.notes)
 
 
 def test_a_thickness_that_the_breasts_height_limits_says_so(breast):
@@ -194,12 +194,12 @@ def test_muscle_left_out_depends_on_how_far_it_reaches():
 
 
 def test_model_none_moves_nothing(breast):
-    squeezed = compress(breast, "MLO", model="none")
+    compressed = compress(breast, "MLO", model="none")
     points = tissue_points(breast)
-    assert not squeezed.displacement_at(points).any()
+    assert not compressed.displacement_at(points).any()
     # Single-precision places of the inverse map, polished by Newton steps.
-    np.testing.assert_allclose(squeezed.original_point(points), points, atol=1e-5)
-    assert squeezed.force_n == 0.0
+    np.testing.assert_allclose(compressed.original_point(points), points, atol=1e-5)
+    assert compressed.force_n == 0.0
 
 
 def test_lattice_has_the_moduli_and_the_volume_of_the_phantom(breast):
@@ -210,7 +210,7 @@ def test_lattice_has_the_moduli_and_the_volume_of_the_phantom(breast):
     moduli = lattice.modulus[lattice.tissue]
     assert moduli.min() == pytest.approx(4.5)
     assert moduli.max() == pytest.approx(16.0, abs=1.0)
-    assert lattice.frame.origin_mm[0] == pytest.approx(tissue_front(breast).chest_wall_mm - 1.0)
+    assert lattice.frame.origin_mm[0] == pytest.approx(posterior_limits(breast).chest_wall_mm - 1.0)
 
 
 def test_a_property_of_the_tissues_is_averaged_as_the_modulus_is(breast):

@@ -224,8 +224,8 @@ def test_a_notebook_shows_a_bar_while_a_run_goes_on(monkeypatch):
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(display=ipython))
     monkeypatch.setitem(sys.modules, "IPython.display", ipython)
     config = config_of({"phantom": {"generate": {}}}, Path(), "any.yaml")
-    with notebook_bar(config, None) as tell:
-        tell("LCC", "compression", None)
+    with notebook_bar(config, None) as on_progress:
+        on_progress("LCC", "compression", None)
     assert "starting" in shown[0]
     assert "LCC: compressing (" in shown[1]
     assert shown[-1].startswith('<progress value="1.000"')
@@ -238,11 +238,11 @@ def test_a_notebook_shows_a_bar_while_a_run_goes_on(monkeypatch):
 def test_elsewhere_there_is_no_bar_and_ones_own_progress_is_kept(monkeypatch):
     monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
     config = config_of({"phantom": {"generate": {}}}, Path(), "any.yaml")
-    with notebook_bar(config, None) as tell:
-        assert tell is None
+    with notebook_bar(config, None) as on_progress:
+        assert on_progress is None
     mine = lambda view, stage, row: None  # noqa: E731
-    with notebook_bar(config, mine) as tell:
-        assert tell is mine
+    with notebook_bar(config, mine) as on_progress:
+        assert on_progress is mine
 
 
 def test_a_mammogram_is_saved_as_a_run_saves_it(tmp_path):

@@ -18,10 +18,10 @@ from mammosim.geometry import View
 
 @pytest.mark.parametrize("view", [View("CC", "L"), View("MLO", "R")])
 def test_places_and_tissue_come_back(tmp_path, view):
-    squeezed = make_compressed(view)
-    write_matlab(squeezed, tmp_path / "springs.mat")
+    compressed = make_compressed(view)
+    write_matlab(compressed, tmp_path / "springs.mat")
     saved = loadmat(tmp_path / "springs.mat")
-    field = squeezed.field
+    field = compressed.field
     nodes = np.stack(np.indices(field.frame.shape), axis=-1)
     expected = field.frame.position_mm(nodes) + field.displacement_mm
     for axis, name in enumerate("xyz"):
@@ -36,18 +36,18 @@ def test_places_and_tissue_come_back(tmp_path, view):
 
 def test_the_label_of_a_node_is_the_phantoms_in_every_view(tmp_path):
     for view in (View("CC", "L"), View("MLO", "L"), View("MLO", "R")):
-        squeezed = make_compressed(view)
-        write_matlab(squeezed, tmp_path / "springs.mat")
+        compressed = make_compressed(view)
+        write_matlab(compressed, tmp_path / "springs.mat")
         saved = loadmat(tmp_path / "springs.mat", simplify_cells=True)
-        lesion = squeezed.phantom.lesions[0]
-        place = squeezed.field.frame.index(view.rotation @ lesion.position_mm)
+        lesion = compressed.phantom.lesions[0]
+        place = compressed.field.frame.index(view.rotation @ lesion.position_mm)
         assert saved["label"][tuple(np.rint(place).astype(int))] == lesion.label
         assert saved["tissue_of_label"][f"label_{lesion.label}"] == "mass"
 
 
 def test_parameters_and_convergence(tmp_path):
-    squeezed = make_compressed(View("CC", "L"))
-    write_matlab(squeezed, tmp_path / "springs.mat")
+    compressed = make_compressed(View("CC", "L"))
+    write_matlab(compressed, tmp_path / "springs.mat")
     saved = loadmat(tmp_path / "springs.mat", simplify_cells=True)
     assert saved["parameters"]["view"] == "CC"
     assert saved["parameters"]["thickness_mm"] == 52.0
@@ -58,12 +58,12 @@ def test_parameters_and_convergence(tmp_path):
 
 
 def test_a_history_with_letters_and_one_without_rows(tmp_path):
-    squeezed = make_compressed(View("CC", "L"))
+    compressed = make_compressed(View("CC", "L"))
     letters = np.array([(1, "z"), (2, "x")], [("iteration", "i4"), ("axis", "U1")])
-    write_matlab(dataclasses.replace(squeezed, history=letters), tmp_path / "a.mat")
+    write_matlab(dataclasses.replace(compressed, history=letters), tmp_path / "a.mat")
     saved = loadmat(tmp_path / "a.mat", simplify_cells=True)
     assert list(saved["convergence"]["axis"]) == ["z", "x"]
-    write_matlab(dataclasses.replace(squeezed, history=letters[:0]), tmp_path / "b.mat")
+    write_matlab(dataclasses.replace(compressed, history=letters[:0]), tmp_path / "b.mat")
     assert np.size(loadmat(tmp_path / "b.mat", simplify_cells=True)["convergence"]["axis"]) == 0
 
 
@@ -71,17 +71,17 @@ def test_a_history_with_letters_and_one_without_rows(tmp_path):
 def test_a_real_compression(tmp_path, model):
     phantom = make_compressed(View("CC", "L")).phantom
     chosen = {"thickness_mm": 55.0, "resolution_mm": 4.0} if model == "springs" else {}
-    squeezed = mammosim.compress(phantom, "CC", model=model, **chosen)
-    write_matlab(squeezed, tmp_path / "springs.mat")
+    compressed = mammosim.compress(phantom, "CC", model=model, **chosen)
+    write_matlab(compressed, tmp_path / "springs.mat")
     saved = loadmat(tmp_path / "springs.mat", simplify_cells=True)
     z = saved["z"][saved["tissue"] == 1]
     # All nodes beyond the plates' edge stay between them, to single precision.
-    beyond = saved["x"][saved["tissue"] == 1] > squeezed.plate_edge_mm
-    assert z[beyond].max() <= squeezed.paddle_z_mm + 1e-4
-    assert z[beyond].min() >= squeezed.support_z_mm - 1e-4
+    beyond = saved["x"][saved["tissue"] == 1] > compressed.plate_edge_mm
+    assert z[beyond].max() <= compressed.paddle_z_mm + 1e-4
+    assert z[beyond].min() >= compressed.support_z_mm - 1e-4
     if model == "springs":  # air has no stiffness, tissue has some everywhere
         np.testing.assert_array_equal(saved["modulus_kpa"] > 0, saved["tissue"] == 1)
-        np.testing.assert_array_equal(saved["modulus_kpa"], squeezed.modulus_kpa)
+        np.testing.assert_array_equal(saved["modulus_kpa"], compressed.modulus_kpa)
     else:
         assert "modulus_kpa" not in saved
     tissue = {"springs": saved["label"][saved["tissue"] == 1] > 0, "none": np.array([True])}
@@ -89,10 +89,10 @@ def test_a_real_compression(tmp_path, model):
 
 
 def test_reruns_are_identical_whatever_the_time(tmp_path, monkeypatch):
-    squeezed = make_compressed(View("CC", "L"))
-    write_matlab(squeezed, tmp_path / "a.mat")
+    compressed = make_compressed(View("CC", "L"))
+    write_matlab(compressed, tmp_path / "a.mat")
     monkeypatch.setattr(time, "asctime", lambda *_: "Thu Jan  1 00:00:00 1970")
-    write_matlab(squeezed, tmp_path / "b.mat")
+    write_matlab(compressed, tmp_path / "b.mat")
     content = (tmp_path / "a.mat").read_bytes()
     assert content == (tmp_path / "b.mat").read_bytes()
     # MAT-file level 5: 116 bytes of text, 8 of offset, version 0x0100, and the byte order.
@@ -101,10 +101,10 @@ def test_reruns_are_identical_whatever_the_time(tmp_path, monkeypatch):
 
 
 def test_only_on_request(tmp_path):
-    squeezed = make_compressed(View("CC", "L"))
-    write_compressed(tmp_path / "a", squeezed, ExportSettings(volumes=False))
+    compressed = make_compressed(View("CC", "L"))
+    write_compressed(tmp_path / "a", compressed, ExportSettings(volumes=False))
     assert not (tmp_path / "a" / "springs.mat").exists()
-    write_compressed(tmp_path / "b", squeezed, ExportSettings(volumes=False, matlab=True))
+    write_compressed(tmp_path / "b", compressed, ExportSettings(volumes=False, matlab=True))
     assert (tmp_path / "b" / "springs.mat").is_file()
 
 

@@ -117,19 +117,21 @@ def test_the_history_comes_back(tmp_path):
 
 
 def test_compression_json_holds_plates_and_measures(tmp_path):
-    squeezed = make_compressed(VIEW, converged=False, notes=("It stopped early.",))
-    write_compression(squeezed, tmp_path / "compression.json")
+    compressed = make_compressed(VIEW, converged=False, notes=("It stopped early.",))
+    write_compression(compressed, tmp_path / "compression.json")
     values = json.loads((tmp_path / "compression.json").read_text())
     assert values["thickness_mm"] == 52.0
     assert values["converged"] is False
     assert values["angle_deg"] == 45.0
     assert values["notes"] == ["It stopped early."]
-    assert {key: values[key] for key in squeezed.measures} == dict(squeezed.measures)
+    assert {key: values[key] for key in compressed.measures} == dict(compressed.measures)
 
 
 def write_folder(folder, settings) -> dict[str, str]:
-    squeezed = make_compressed(VIEW)
-    write_compressed(folder, squeezed, settings, squeezed.phantom.labels, squeezed.phantom.frame)
+    compressed = make_compressed(VIEW)
+    write_compressed(
+        folder, compressed, settings, compressed.phantom.labels, compressed.phantom.frame
+    )
     study = StudyIdentity("77" * 32)
     write_images(
         folder, make_paths(VIEW), make_mammogram(VIEW), make_targets(VIEW), settings, study

@@ -20,11 +20,11 @@ NEAR_MM = 2.0
 
 @pytest.fixture(scope="module", params=VIEWS, ids=lambda view: view.folder)
 def written(request, tmp_path_factory):
-    squeezed = make_compressed(request.param)
-    labels, frame = compressed_labels(squeezed)
+    compressed = make_compressed(request.param)
+    labels, frame = compressed_labels(compressed)
     folder = tmp_path_factory.mktemp("victre")
-    write_victre(squeezed, labels, frame, folder, 7)
-    return squeezed, labels, frame, folder / "7"
+    write_victre(compressed, labels, frame, folder, 7)
+    return compressed, labels, frame, folder / "7"
 
 
 def victre_crop(phantom: np.ndarray) -> tuple[slice, slice, slice]:
@@ -60,18 +60,18 @@ def test_tissue_is_in_victres_labels_at_its_place(written):
 
 
 def test_the_plates_lie_on_either_side_of_the_gap(written):
-    squeezed, _, _, folder = written
+    compressed, _, _, folder = written
     whole = read_volume(folder / "pc_7.mhd")
     x, _, z = (
         whole.origin_mm[axis] + whole.voxel_mm[axis] * index
         for axis, index in enumerate(np.nonzero(whole.values == 50))
     )
     half = 0.5 * whole.voxel_mm[2]
-    gap = (z > squeezed.support_z_mm) & (z < squeezed.paddle_z_mm)
+    gap = (z > compressed.support_z_mm) & (z < compressed.paddle_z_mm)
     assert not gap.any()
-    assert z[z < 0].max() == pytest.approx(squeezed.support_z_mm, abs=2 * half)
-    assert z[z > 0].min() == pytest.approx(squeezed.paddle_z_mm, abs=2 * half)
-    assert x.min() == pytest.approx(squeezed.plate_edge_mm + half, abs=half)
+    assert z[z < 0].max() == pytest.approx(compressed.support_z_mm, abs=2 * half)
+    assert z[z > 0].min() == pytest.approx(compressed.paddle_z_mm, abs=2 * half)
+    assert x.min() == pytest.approx(compressed.plate_edge_mm + half, abs=half)
     # A voxel of 2 mm a plate, as thick as VICTRE's 1 mm can be shown.
     assert len(np.unique(z)) == 2
 
@@ -85,10 +85,10 @@ def test_victres_own_cropping_finds_the_part_that_is_written(written):
 
 
 def test_lesions_are_listed_where_they_are(written):
-    squeezed, _, _, folder = written
+    compressed, _, _, folder = written
     places = np.loadtxt(folder / "pc_7.loc", delimiter=",")
     whole, part = read_volume(folder / "pc_7.mhd"), read_volume(folder / "pcl_7.mhd")
-    assert len(places) == len(squeezed.phantom.lesions)
+    assert len(places) == len(compressed.phantom.lesions)
     for place, label in zip(places[:2], (200, 250), strict=True):
         centre = np.argwhere(whole.values == label).mean(axis=0)
         found = whole.origin_mm + centre * whole.voxel_mm
@@ -101,27 +101,27 @@ def test_lesions_are_listed_where_they_are(written):
 
 
 def test_without_lesions_the_cropped_breast_has_victres_name_for_it(tmp_path):
-    squeezed = make_compressed(VIEWS[0])
-    plain = dataclasses.replace(squeezed.phantom, lesions=())
-    squeezed = dataclasses.replace(squeezed, phantom=plain)
-    write_victre(squeezed, *compressed_labels(squeezed), tmp_path, 1)
+    compressed = make_compressed(VIEWS[0])
+    plain = dataclasses.replace(compressed.phantom, lesions=())
+    compressed = dataclasses.replace(compressed, phantom=plain)
+    write_victre(compressed, *compressed_labels(compressed), tmp_path, 1)
     names = {path.name for path in (tmp_path / "1").iterdir()}
     assert names == {"pc_1.mhd", "pc_1.raw.gz", "pc_1_crop.mhd", "pc_1_crop.raw.gz", "labels.json"}
 
 
 def test_a_lesion_behind_the_plates_is_not_listed_in_the_cropped_part(tmp_path):
-    squeezed = make_compressed(VIEWS[0])
-    behind = dataclasses.replace(squeezed, plate_edge_mm=20.0)  # the cluster lies at x = 17
+    compressed = make_compressed(VIEWS[0])
+    behind = dataclasses.replace(compressed, plate_edge_mm=20.0)  # the cluster lies at x = 17
     write_victre(behind, *compressed_labels(behind), tmp_path, 1)
     assert np.loadtxt(tmp_path / "1" / "pcl_1.loc", dtype=int).tolist()[3] == 2
     assert len(np.loadtxt(tmp_path / "1" / "pc_1.loc", delimiter=",")) == 3
 
 
 def test_formats_are_written_on_request(tmp_path):
-    squeezed = make_compressed(VIEWS[1])
-    labels, frame = compressed_labels(squeezed)
+    compressed = make_compressed(VIEWS[1])
+    labels, frame = compressed_labels(compressed)
     settings = ExportSettings(compressed_formats=("nrrd", "mha", "victre"), volumes=False)
-    write_compressed(tmp_path, squeezed, settings, labels, frame, 3)
+    write_compressed(tmp_path, compressed, settings, labels, frame, 3)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {
         "compression.json", "convergence.csv", "compressed.nrrd", "compressed.mha", "victre",

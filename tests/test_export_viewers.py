@@ -34,11 +34,11 @@ def read_nrrd(path):
 @pytest.fixture(scope="module", params=[CC, MLO], ids=lambda view: view.folder)
 def written(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
-    squeezed = make_compressed(request.param)
-    labels, frame = compressed_labels(squeezed)
-    write_phantom(squeezed.phantom, folder, viewers=True)
+    compressed = make_compressed(request.param)
+    labels, frame = compressed_labels(compressed)
+    write_phantom(compressed.phantom, folder, viewers=True)
     settings = ExportSettings(viewers=True)
-    write_compressed(folder / "view", squeezed, settings, labels, frame)
+    write_compressed(folder / "view", compressed, settings, labels, frame)
     return folder
 
 

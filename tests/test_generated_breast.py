@@ -16,9 +16,9 @@ def study(request):
     )
     views = {}
     for view in ("CC", "MLO"):
-        squeezed = mammosim.compress(breast, view=view, resolution_mm=3.0)
-        paths = mammosim.project(squeezed, pixel_mm=0.6)
-        views[view] = squeezed, paths, mammosim.expose(paths, seed=1, **FEW_PHOTONS)
+        compressed = mammosim.compress(breast, view=view, resolution_mm=3.0)
+        paths = mammosim.project(compressed, pixel_mm=0.6)
+        views[view] = compressed, paths, mammosim.expose(paths, seed=1, **FEW_PHOTONS)
     return breast, views
 
 
@@ -102,12 +102,12 @@ def test_breast_and_muscle_run_out_of_the_oblique_picture_at_its_upper_edge(stud
 def test_plates_hold_the_breast_at_its_own_height(study):
     """In CC the nipple lies between the plates, not pressed to one by the tissue above it."""
     breast, views = study
-    squeezed, _, _ = views["CC"]
-    nipple = squeezed.view.rotation @ (
-        breast.nipple_mm + squeezed.displacement_at(breast.nipple_mm)[0]
+    compressed, _, _ = views["CC"]
+    nipple = compressed.view.rotation @ (
+        breast.nipple_mm + compressed.displacement_at(breast.nipple_mm)[0]
     )
-    middle = 0.5 * (squeezed.support_z_mm + squeezed.paddle_z_mm)
-    assert abs(nipple[2] - middle) < 0.3 * squeezed.thickness_mm
+    middle = 0.5 * (compressed.support_z_mm + compressed.paddle_z_mm)
+    assert abs(nipple[2] - middle) < 0.3 * compressed.thickness_mm
 
 
 def test_cc_keeps_most_of_the_muscle_out(study):

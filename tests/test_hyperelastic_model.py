@@ -101,12 +101,12 @@ def test_solution_has_the_least_energy_and_is_that_from_any_start():
 def test_released_body_returns_to_rest():
     cells = 6
     body = block(cells)
-    squeezed = minimise(
+    compressed = minimise(
         body, between(body, cells, 0.6 * cells, 100.0), np.zeros((3, *body.shear.shape)), 1e-2,
         Workspace(),
     )  # fmt: skip
     away = between(body, cells, 2.0 * cells)
-    released = minimise(body, away, squeezed.u, 1e-2, Workspace())
+    released = minimise(body, away, compressed.u, 1e-2, Workspace())
     # The tolerance is a hundredth of what a strain of 1e-3 takes; the block is 6 elements long.
     assert released.converged
     assert np.abs(released.u).max() < 6e-4
@@ -182,10 +182,10 @@ def test_same_bits_twice(small):
 
 def test_thickness_for_a_force_bears_it():
     breast = half_ellipsoid((40.0, 40.0, 40.0), 2.5, inclusion=False)
-    squeezed = mammosim.compress(
+    compressed = mammosim.compress(
         breast, "CC", model="hyperelastic", force_n=2.0, resolution_mm=8.0, plate_edge_mm=10.0
     )
-    assert squeezed.force_n == pytest.approx(2.0, rel=0.02)
+    assert compressed.force_n == pytest.approx(2.0, rel=0.02)
 
 
 def test_sliding_wall_is_not_for_springs():
@@ -198,18 +198,18 @@ def test_sliding_wall_is_not_for_springs():
 def test_agrees_with_a_finite_element_code():
     """Half-ellipsoid with a stiff sphere, sliding wall, to half its height; dolfinx, Q1/P0."""
     breast = half_ellipsoid((60.0, 60.0, 65.0), 1.25)
-    squeezed = mammosim.compress(
+    compressed = mammosim.compress(
         breast, "CC", model="hyperelastic", stiffness="thesis", chest_wall="sliding",
         thickness_mm=65.0, resolution_mm=5.0, plate_edge_mm=-1e4,
     )  # fmt: skip
     reference = np.load(REFERENCE)
     points, expected = (reference[key][:, [1, 0, 2]] for key in ("points", "u"))
-    error = np.linalg.norm(squeezed.displacement_at(points) - expected, axis=1)
+    error = np.linalg.norm(compressed.displacement_at(points) - expected, axis=1)
     # The reference is good to about 0.1; FEBio reaches 0.31 with elements of this size.
     assert error.mean() < 0.31
     ball = ((points - (25.0, 15.0, 20.0)) ** 2).sum(axis=1) < 81.0
     np.testing.assert_allclose(
-        squeezed.displacement_at(points[ball]).mean(axis=0), expected[ball].mean(axis=0), atol=0.3
+        compressed.displacement_at(points[ball]).mean(axis=0), expected[ball].mean(axis=0), atol=0.3
     )
 
 

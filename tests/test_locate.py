@@ -13,7 +13,7 @@ from make_run import invoke, read_table, save_breast, write
 from mammosim.cli.located_lines import located_lines
 from mammosim.errors import InputError
 from mammosim.pipeline import locate_in_run, read_views
-from mammosim.targets import curve_of, point_at_height, point_from_sights
+from mammosim.targets import curve_of, point_at_height, point_from_image_points
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +37,9 @@ def place(row: dict[str, str], stem: str = "") -> np.ndarray:
 
 def image_of(saved, point, angle=0.0):
     """Row and column at which an uncompressed point appears, through the saved field."""
-    sight = saved.sight(0.0, 0.0, angle)
+    image_point = saved.image_point(0.0, 0.0, angle)
     after = point + saved.field.displacement_at(point)[0]
-    return sight.gantry.project(sight.gantry.gantry_from_breast(after)), after
+    return image_point.gantry.project(image_point.gantry.gantry_from_breast(after)), after
 
 
 def test_the_saved_field_is_the_one_that_was_written(run):
@@ -61,11 +61,11 @@ def test_pixel_and_height_lead_back_to_the_point(run, view):
         point = rng.uniform([8.0, -12.0, -10.0], [20.0, 12.0, 10.0])
         pixel, after = image_of(saved, point)
         height = saved.gantry.gantry_from_breast(after)[2]
-        found = point_at_height(saved.sight(*pixel), height)
+        found = point_at_height(saved.image_point(*pixel), height)
         # Newton's inverse stops at 1e-6 mm; the field folds nowhere here.
         np.testing.assert_allclose(found.point_mm, point, atol=1e-4)
         assert found.height_mm[0] == pytest.approx(height, abs=1e-4)
-        curve = curve_of(saved.sight(*pixel), 0.5)
+        curve = curve_of(saved.image_point(*pixel), 0.5)
         nearest = np.linalg.norm(curve.point_mm - point, axis=1).min()
         assert nearest < 0.5  # half a step, stretched by compression
 
@@ -76,11 +76,11 @@ def test_two_views_or_a_stereotactic_pair_meet_in_the_point(run):
     for _ in range(8):
         point = rng.uniform([8.0, -12.0, -10.0], [20.0, 12.0, 10.0])
         for pair in ((("CC", 0.0), ("MLO", 0.0)), (("CC", -15.0), ("CC", 15.0))):
-            sights = [
-                views[name].sight(*image_of(views[name], point, angle)[0], angle)
+            image_points = [
+                views[name].image_point(*image_of(views[name], point, angle)[0], angle)
                 for name, angle in pair
             ]
-            found = point_from_sights(sights)
+            found = point_from_image_points(image_points)
             # The least squares end at 1e-8 mm; finite differences of a piecewise linear field.
             np.testing.assert_allclose(found.point_mm, point, atol=1e-3)
             assert max(found.misfit_mm) < 1e-3
@@ -89,10 +89,12 @@ def test_two_views_or_a_stereotactic_pair_meet_in_the_point(run):
 def test_a_pixels_error_is_told_by_the_misfit(run):
     views = read_views(run, ["CC", "MLO"])
     point = np.array([14.0, 4.0, 3.0])
-    sights = [views[name].sight(*image_of(views[name], point)[0]) for name in ("CC", "MLO")]
+    image_points = [
+        views[name].image_point(*image_of(views[name], point)[0]) for name in ("CC", "MLO")
+    ]
     # Columns of both views measure x: 5 pixels of 0.8 mm apart, they are both half right.
-    wrong = views["MLO"].sight(sights[1].row, sights[1].column + 5.0)
-    found = point_from_sights([sights[0], wrong])
+    wrong = views["MLO"].image_point(image_points[1].row, image_points[1].column + 5.0)
+    found = point_from_image_points([image_points[0], wrong])
     assert 1.0 < sum(found.misfit_mm) < 5.0
     assert np.linalg.norm(found.point_mm - point) < 5.0
 
@@ -134,7 +136,7 @@ def test_the_projections_of_a_series_are_a_stereotactic_pair(run):
     result = invoke("locate", run, *options)
     assert result.exit_code == 0, result.output
     # A mask's centre is good to about half a pixel of 0.8 mm; over 30 degrees that is 0.8 mm of
-    # height, and 1 / 0.8 of it before the breast was squeezed.
+    # height, and 1 / 0.8 of it before the breast was compressed.
     np.testing.assert_allclose(said(result.output), place(row), atol=1.2)
 
 
@@ -153,10 +155,10 @@ def test_one_pixel_gives_the_curve(run):
 
 def test_a_step_larger_than_the_breast_leaves_both_ends(run):
     cc = rows_of(run, "CC")["ball"]
-    sight = read_views(run, ["CC"])["CC"].sight(
+    image_point = read_views(run, ["CC"])["CC"].image_point(
         float(cc["image_row_px"]), float(cc["image_col_px"])
     )
-    fine, ends = curve_of(sight, 0.5), curve_of(sight, 200.0)
+    fine, ends = curve_of(image_point, 0.5), curve_of(image_point, 200.0)
     assert ends.height_mm.size in (2, 3)  # a multiple of 200 may lie between: 0
     assert ends.height_mm[[0, -1]].tolist() == fine.height_mm[[0, -1]].tolist()
     np.testing.assert_allclose(ends.point_mm[-1], fine.point_mm[-1])
@@ -167,13 +169,13 @@ def test_without_labels_the_lattice_says_where_tissue_is(run, tmp_path):
     shutil.copytree(run / "LCC", copy / "LCC")
     (copy / "LCC" / "compressed.nii.gz").unlink()
     cc = rows_of(run, "CC")["ball"]
-    sight = read_views(copy, ["CC"])["CC"].sight(
+    image_point = read_views(copy, ["CC"])["CC"].image_point(
         float(cc["image_row_px"]), float(cc["image_col_px"])
     )
-    with_labels = read_views(run, ["CC"])["CC"].sight(sight.row, sight.column)
+    with_labels = read_views(run, ["CC"])["CC"].image_point(image_point.row, image_point.column)
     for end in (0, -1):
         # The lattice has 3 mm, the phantom's voxels 1 mm.
-        assert curve_of(sight).height_mm[end] == pytest.approx(
+        assert curve_of(image_point).height_mm[end] == pytest.approx(
             curve_of(with_labels).height_mm[end], abs=3.0
         )
 
@@ -181,7 +183,7 @@ def test_without_labels_the_lattice_says_where_tissue_is(run, tmp_path):
 BAD = [
     (["--view", "CC", "--pixel", "a", 100], r"--pixel: found 'a 100', expected row and column"),
     (["--view", "CC", "--pixel", 2, 100], r"lies outside the breast; no tissue is on its ray"),
-    (["--view", "CC", "--pixel", -3, 10], r"the row is not on the picture, which has 300"),
+    (["--view", "CC", "--pixel", -3, 10], r"the row is not on the image, which has 300"),
     (["--view", "CC", "--pixel", 150, 900], r"the column is not on the picture"),
     (["--view", "CC", "--pixel", 150, 10, "--height-mm", 80], r"found 80, which is in air; on th"),
     (["--view", "ML", "--pixel", 150, 10], r"view: found 'ML', .* has LCC, LCC_DBT, LMLO"),

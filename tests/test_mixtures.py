@@ -22,7 +22,7 @@ def breast():
 
 
 @pytest.fixture(scope="module")
-def squeezed(breast):
+def compressed(breast):
     return mammosim.compress(breast, "CC", model="none")
 
 
@@ -50,15 +50,15 @@ def test_volumes_count_each_tissue_of_a_mixture(breast):
     assert not set(volume) & set(MIXTURES)
 
 
-def test_a_mixture_attenuates_as_its_tissues_do(squeezed):
+def test_a_mixture_attenuates_as_its_tissues_do(compressed):
     """Against the same breast with fat in place of mixtures: what ligament gains, fat loses."""
-    paths = mammosim.project(squeezed, pixel_mm=1.0, smooth_voxels=False)
+    paths = mammosim.project(compressed, pixel_mm=1.0, smooth_voxels=False)
     assert not set(paths.tissues) & set(MIXTURES)
-    whole = squeezed.phantom.labels.copy()
+    whole = compressed.phantom.labels.copy()
     for tissue in MIXTURES.values():
         whole[whole == tissue.label] = TISSUES["adipose"].label
-    phantom = dataclasses.replace(squeezed.phantom, labels=whole)
-    other = dataclasses.replace(squeezed, phantom=phantom)
+    phantom = dataclasses.replace(compressed.phantom, labels=whole)
+    other = dataclasses.replace(compressed, phantom=phantom)
     plain = mammosim.project(other, pixel_mm=1.0, smooth_voxels=False)
     fat, wall = (paths.tissues.index(name) for name in ("adipose", "ligament"))
     gained = paths.length_mm[wall] - plain.length_mm[plain.tissues.index("ligament")]
@@ -69,11 +69,11 @@ def test_a_mixture_attenuates_as_its_tissues_do(squeezed):
     np.testing.assert_allclose(paths.length_mm.sum(axis=0), plain.length_mm.sum(axis=0), atol=1e-3)
 
 
-def test_the_copy_for_radiation_transport_keeps_the_septa(squeezed):
-    paths = mammosim.project(squeezed, pixel_mm=1.0)
-    copy = coarse_breast(squeezed, paths.gantry, 4.0)
+def test_the_copy_for_radiation_transport_keeps_the_septa(compressed):
+    paths = mammosim.project(compressed, pixel_mm=1.0)
+    copy = coarse_breast(compressed, paths.gantry, 4.0)
     ratio = copy.fraction("ligament").sum() / copy.fraction("adipose").sum()
-    volume = phantom_summary(squeezed.phantom).volume_ml
+    volume = phantom_summary(compressed.phantom).volume_ml
     # Of what is in the field and near it; the muscle's fat is behind it.
     assert ratio == pytest.approx(volume["ligament"] / volume["adipose"], rel=0.15)
 

@@ -34,7 +34,7 @@ QUICK = settings(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )  # fmt: skip
 
-MOST_BYTES = 24 << 20
+MAX_BYTES = 24 << 20
 """Files of a few kilobytes: NumPy arrays may not take more than the readers' own buffers."""
 
 AXES = [
@@ -66,7 +66,7 @@ def phantom_or_plain_sentence(path: Path) -> None:
     finally:
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-    assert peak < MOST_BYTES
+    assert peak < MAX_BYTES
     if found is None:
         assert problems
         assert all(problem.strip() for problem in problems)

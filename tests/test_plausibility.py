@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mammosim.plausibility import LIMITS, doubts
+from mammosim.plausibility import LIMITS, plausibility_warnings
 
 
 @pytest.mark.parametrize("limit", LIMITS, ids=lambda limit: limit.quantity)
@@ -12,24 +12,24 @@ def test_each_limit_lets_its_range_through_and_says_what_leaves_it(limit):
     inside = [value for value in (limit.low, limit.high) if math.isfinite(value)]
     assert inside, "a limit that limits nothing"
     for value in inside:
-        assert doubts({limit.quantity: value}) == ()
+        assert plausibility_warnings({limit.quantity: value}) == ()
     if math.isfinite(limit.low):
-        (doubt,) = doubts({limit.quantity: limit.low - 1e-3})
-        assert doubt.severity == "warning"
-        assert f"plausible from {limit.low:g}" in str(doubt)
-    (doubt,) = doubts({limit.quantity: math.nextafter(limit.high, math.inf)})
-    assert doubt.severity == ("error" if limit.error_above == limit.high else "warning")
+        (warning,) = plausibility_warnings({limit.quantity: limit.low - 1e-3})
+        assert warning.severity == "warning"
+        assert f"plausible from {limit.low:g}" in str(warning)
+    (warning,) = plausibility_warnings({limit.quantity: math.nextafter(limit.high, math.inf)})
+    assert warning.severity == ("error" if limit.error_above == limit.high else "warning")
     if math.isfinite(limit.error_above):
-        (doubt,) = doubts({limit.quantity: limit.error_above * 1.01 + 1.0})
-        assert doubt.severity == "error"
-        assert limit.name in str(doubt)
-        assert limit.advice in str(doubt)
+        (warning,) = plausibility_warnings({limit.quantity: limit.error_above * 1.01 + 1.0})
+        assert warning.severity == "error"
+        assert limit.name in str(warning)
+        assert limit.advice in str(warning)
 
 
 def test_what_is_no_number_is_no_result():
-    (doubt,) = doubts({"paddle_force_n": math.nan})
-    assert doubt.severity == "error"
-    assert "found nan, expected a number" in str(doubt)
+    (warning,) = plausibility_warnings({"paddle_force_n": math.nan})
+    assert warning.severity == "error"
+    assert "found nan, expected a number" in str(warning)
 
 
 def test_limits_name_their_source():
@@ -39,4 +39,4 @@ def test_limits_name_their_source():
 
 def test_a_quantity_without_a_limit_is_a_mistake_of_the_caller():
     with pytest.raises(KeyError, match="no plausibility limit for thickness"):
-        doubts({"thickness": 1.0})
+        plausibility_warnings({"thickness": 1.0})

@@ -67,12 +67,12 @@ def test_a_kernel_that_fails_to_compile_ends_too(fresh_kernel):
 
 
 def test_plain_lines_say_once_a_stage_that_kernels_are_compiled(fresh_kernel, capsys):
-    with shown.progress(PLAN) as tell:
-        tell("LCC", "compression", None)
+    with shown.progress(PLAN) as on_progress:
+        on_progress("LCC", "compression", None)
         fresh_kernel(1)
         fresh_kernel(1.0)
-        tell("LCC", "compression", ROW)
-        tell("", "report", None)
+        on_progress("LCC", "compression", ROW)
+        on_progress("", "report", None)
     lines = [END.sub("ends", line) for line in capsys.readouterr().err.splitlines()]
     assert lines == [
         "LCC: compressing (20 %, ends)",
@@ -82,12 +82,12 @@ def test_plain_lines_say_once_a_stage_that_kernels_are_compiled(fresh_kernel, ca
 
 
 def test_plain_lines_go_on_where_compiling_takes_long(fresh_kernel, capsys, monkeypatch):
-    monkeypatch.setattr(shown, "SECONDS_A_LINE", 0.0)
-    with shown.progress(PLAN, verbose=True) as tell:
-        tell("LCC", "compression", None)
+    monkeypatch.setattr(shown, "SECONDS_PER_LINE", 0.0)
+    with shown.progress(PLAN, verbose=True) as on_progress:
+        on_progress("LCC", "compression", None)
         fresh_kernel(1)
         fresh_kernel(1.0)
-        tell("LCC", "compression", ROW)
+        on_progress("LCC", "compression", ROW)
     lines = capsys.readouterr().err.splitlines()
     assert [line.endswith("fresh") for line in lines] == [False, True, True, False]
     assert "12.5 mm" in lines[3]
@@ -108,10 +108,10 @@ def test_a_terminal_shows_compiling_while_it_lasts(fresh_kernel, monkeypatch):
 
     monkeypatch.setattr(console, "status", lambda _: Status())
     monkeypatch.setattr(shown, "err", console)
-    with shown.progress(PLAN, verbose=True) as tell:
-        tell("LCC", "compression", None)
+    with shown.progress(PLAN, verbose=True) as on_progress:
+        on_progress("LCC", "compression", None)
         fresh_kernel(1)
-        tell("LCC", "compression", ROW)
+        on_progress("LCC", "compression", ROW)
     texts = [END.sub("ends", str(text)) for text in texts]
     assert texts[0] == texts[2] == "LCC: compressing (20 %, ends)"
     assert texts[1].startswith("LCC: compressing: compiling")
@@ -119,11 +119,11 @@ def test_a_terminal_shows_compiling_while_it_lasts(fresh_kernel, monkeypatch):
 
 
 def test_solver_numbers_are_shown_only_where_they_are_asked_for(capsys, monkeypatch):
-    monkeypatch.setattr(shown, "SECONDS_A_LINE", -1.0)
+    monkeypatch.setattr(shown, "SECONDS_PER_LINE", -1.0)
     for verbose in (False, True):
-        with shown.progress(PLAN, verbose) as tell:
-            tell("LCC", "compression", None)
-            tell("LCC", "compression", ROW)
+        with shown.progress(PLAN, verbose) as on_progress:
+            on_progress("LCC", "compression", None)
+            on_progress("LCC", "compression", ROW)
         assert ("33.0 N" in capsys.readouterr().err) == verbose
 
 
@@ -165,10 +165,10 @@ def test_a_stage_that_was_kept_from_before_is_passed_over():
 
 
 def test_a_cohort_says_nothing_twice(capsys, monkeypatch):
-    monkeypatch.setattr(cohorts, "SECONDS_A_LINE", 0.0)
-    with cohorts._progress() as tell:
+    monkeypatch.setattr(cohorts, "SECONDS_PER_LINE", 0.0)
+    with cohorts._progress() as on_progress:
         for seconds in (10.0, 20.0):
-            tell(Progress(3, made=1, running=2, workers=2, seconds=seconds))
-        tell(Progress(3, made=2, running=1, workers=2, seconds=30.0))
+            on_progress(Progress(3, made=1, running=2, workers=2, seconds=seconds))
+        on_progress(Progress(3, made=2, running=1, workers=2, seconds=30.0))
     lines = capsys.readouterr().err.splitlines()
     assert [line[:11] for line in lines] == ["1 of 3 done", "2 of 3 done"]

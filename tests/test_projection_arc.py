@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from naive.projection import (
+    compressed,
     deformed_projection,
     inverse_map,
     phantom,
-    squeezed,
     turned_pixel,
     unsqueezed,
 )
@@ -147,7 +147,7 @@ def test_oblique_rays_through_a_deformed_breast_equal_the_twin(laterality, movem
         lambda p: p * [1.1, 0.9, 1.3] + 0.3 * np.sin(p[:, ::-1] / 4.0),
         [-2.0, -9.0, -6.0], [14.0, 9.0, 6.0], [1.7, 1.3, 1.1],
     )  # fmt: skip
-    bent = squeezed(breast, inverse, plates_mm=(-5.0, 5.0))
+    bent = compressed(breast, inverse, plates_mm=(-5.0, 5.0))
     paths = project_arc(bent, movement, pixel_mm=1.3, detector_mm=[52.0, 26.0]).paths(2)
     expected = deformed_projection(bent, paths.gantry)[[ADIPOSE, GLAND]]
     assert expected.max() > 2.0

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from naive.projection import inverse_map, phantom, squeezed, unsqueezed
+from naive.projection import compressed, inverse_map, phantom, unsqueezed
 
 from mammosim.errors import InputError
 from mammosim.geometry import View
@@ -151,13 +151,13 @@ def test_a_lesion_that_fills_its_voxels_in_part_leaves_the_rest_to_its_surroundi
 
 
 def test_density_is_clipped_and_the_share_reported():
-    """Half of a block squeezed to a third along z, which no tissue bears; the other left alone."""
+    """Half of a block compressed to a third along z, which no tissue bears; the rest unchanged."""
     breast = block((40, 60, 30))
     inverse = inverse_map(
         lambda p: p * np.where(p[:, 1:2] > 0.0, [1.0, 1.0, 3.0], 1.0),
         [-2.0, -31.0, -15.0], [42.0, 31.0, 33.0], [2.0, 1.0, 1.0],
     )  # fmt: skip
-    paths = project(squeezed(breast, inverse, plates_mm=(0.0, 30.0)), pixel_mm=1.0)
+    paths = project(compressed(breast, inverse, plates_mm=(0.0, 30.0)), pixel_mm=1.0)
     # 40 x 30 x 10 of 40 x 30 x 40 mm3; cells of 1 mm at the surface count by eight points each.
     assert paths.clipped_fraction == pytest.approx(0.25, abs=0.02)
     row = round(float(paths.gantry.project([20.0, 15.0, 5.0])[0]))
@@ -165,7 +165,7 @@ def test_density_is_clipped_and_the_share_reported():
     assert length == pytest.approx(10.0, rel=2e-3)  # over the cosine of the ray
     assert attenuating == pytest.approx(2.0 * length, rel=1e-5)
     plain = project(
-        squeezed(breast, inverse, plates_mm=(0.0, 30.0)), pixel_mm=1.0, conserve_mass=False
+        compressed(breast, inverse, plates_mm=(0.0, 30.0)), pixel_mm=1.0, conserve_mass=False
     )
     assert plain.clipped_fraction == 0.0
 
@@ -174,16 +174,16 @@ def test_compressed_labels_keep_volume_place_and_affordable_size(monkeypatch):
     breast = block((40, 60, 30))
     stretch = np.array([1.0, 1.25, 0.6])
     inverse = inverse_map(lambda p: p / stretch, [-2.0, -40.0, -2.0], [42.0, 40.0, 20.0], 1.0)
-    labels, frame = compressed_labels(squeezed(breast, inverse), 0.5)
+    labels, frame = compressed_labels(compressed(breast, inverse), 0.5)
     volume = np.count_nonzero(labels) * np.prod(frame.spacing_mm)
     # Faces at multiples of 0.5 mm or half-way: a layer of voxels more or less on each.
     assert volume == pytest.approx(40.0 * 60.0 * 30.0 * np.prod(stretch), rel=0.03)
     top = frame.position_mm(np.argwhere(labels).max(axis=0))
     np.testing.assert_allclose(top, [40.0, 37.5, 18.0], atol=0.5)
-    _, own = compressed_labels(squeezed(breast, inverse))
+    _, own = compressed_labels(compressed(breast, inverse))
     assert own.spacing_mm.tolist() == [2.0, 2.0, 2.0]
-    monkeypatch.setattr(warp, "MOST_VOXELS", 5000)
-    fewer, _ = compressed_labels(squeezed(breast, inverse))
+    monkeypatch.setattr(warp, "MAX_VOXELS", 5000)
+    fewer, _ = compressed_labels(compressed(breast, inverse))
     assert 2500 < fewer.size <= 5000
 
 
@@ -240,10 +240,10 @@ def test_map_without_tissue_or_too_small_is_refused():
     breast = block()
     away = inverse_map(lambda p: p + 1000.0, [0.0] * 3, [10.0] * 3, 1.0)
     with pytest.raises(InputError, match="no tissue in it"):
-        project(squeezed(breast, away))
+        project(compressed(breast, away))
     flat = inverse_map(lambda p: p, [0.0] * 3, [10.0, 10.0, 0.0], 1.0)
     with pytest.raises(InputError, match=r"found \(11, 11, 1\) nodes, expected at least 2"):
-        project(squeezed(breast, flat))
+        project(compressed(breast, flat))
 
 
 def test_label_without_tissue_is_refused():

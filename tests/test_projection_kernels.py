@@ -8,11 +8,11 @@ import numba
 import numpy as np
 import pytest
 from naive.projection import (
+    compressed,
     deformed_projection,
     inverse_map,
     phantom,
     plain_projection,
-    squeezed,
     unsqueezed,
 )
 
@@ -70,7 +70,7 @@ def warped_breast(view="MLO", laterality="R"):
     inverse = inverse_map(warped, [-2.0, -12.0, -7.0], [14.0, 12.0, 7.0], [1.5, 1.3, 1.1])
     rng = np.random.default_rng(8)
     inverse.original_mm[rng.random(inverse.frame.shape) < 0.03] = np.nan
-    return squeezed(breast, inverse, view)
+    return compressed(breast, inverse, view)
 
 
 def test_deformed_voxels_equal_the_slow_twin():
@@ -128,7 +128,7 @@ def test_labels_of_each_plane(shape):
 
 def test_labels_in_another_memory_order_give_the_same():
     breast = warped_breast()
-    turned = squeezed(phantom_in_fortran_order(breast.phantom), breast.inverse, "MLO")
+    turned = compressed(phantom_in_fortran_order(breast.phantom), breast.inverse, "MLO")
     np.testing.assert_array_equal(
         project(turned, pixel_mm=1.0).length_mm, project(breast, pixel_mm=1.0).length_mm
     )

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from make_phantom import far_away
-from naive.projection import inverse_map, phantom, squeezed, unsqueezed
+from naive.projection import compressed, inverse_map, phantom, unsqueezed
 
 from mammosim.projection import project
 
@@ -94,7 +94,7 @@ def squeezed_block(spacing_mm, original_of, high=(44.0, 34.0, 22.0), **keys):
     labels = np.where(rng.random((40, 60, 40)) < 0.3, GLAND, ADIPOSE).astype(np.uint8)
     breast = phantom(labels, 1.0, [0.5, -29.5, -19.5])
     low = (-4.0, -high[1], -high[2])
-    return squeezed(breast, inverse_map(original_of, low, high, spacing_mm), **keys)
+    return compressed(breast, inverse_map(original_of, low, high, spacing_mm), **keys)
 
 
 def test_affine_compression_keeps_mass():

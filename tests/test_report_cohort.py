@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mammosim.plausibility import doubts
+from mammosim.plausibility import plausibility_warnings
 from mammosim.report import contact_sheet, render_cohort
 from mammosim.report.cohort_page import A_LESION, A_VIEW
-from mammosim.report.contact_sheet import MOST_PATIENTS, ROWS
+from mammosim.report.contact_sheet import MAX_PATIENTS, ROWS
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def test_a_contact_sheet_shows_what_is_there_and_leads_to_reports(cohort):
 
 def test_a_large_cohort_shows_its_first_patients(cohort):
     folder, patients = cohort
-    assert len(contact_sheet(folder, patients[:1] * (MOST_PATIENTS + 5))) == MOST_PATIENTS
+    assert len(contact_sheet(folder, patients[:1] * (MAX_PATIENTS + 5))) == MAX_PATIENTS
 
 
 def test_the_page_links_the_pictures_and_keeps_the_order_of_a_choice(cohort, monkeypatch):
@@ -91,7 +91,7 @@ def test_the_page_counts_patients_by_limit_and_lists_their_warnings():
         "kind": ["nipple", "nipple"],
         **{column: [None, None] for column, _, _ in (*A_VIEW, *A_LESION)},
     }  # fmt: skip
-    loads = [f"LCC: {doubt}" for doubt in doubts({"tube_load_mas": 900.0})]
+    loads = [f"LCC: {warning}" for warning in plausibility_warnings({"tube_load_mas": 900.0})]
     warnings = {0: [*loads, "laterality: a <guess>"], 4: [*loads, *loads]}
     page = render_cohort("mine", table, {}, [], warnings=warnings)
     assert '<tr><td>tube load</td><td class="n">2</td></tr>' in page

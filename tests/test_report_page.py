@@ -22,7 +22,7 @@ from mammosim.report.figures import convergence_svg, picture_data_uri
 from mammosim.report.glance import glance
 from mammosim.report.hanging import hanging
 from mammosim.report.markers import Marker, markers, shift_arrows
-from mammosim.targets import ShiftAnswers
+from mammosim.targets import LesionShiftResults
 
 VOID = {"meta", "br", "link", "img", "hr", "input", "area", "base", "col", "embed", "source"}
 
@@ -239,9 +239,9 @@ def test_an_empty_run_still_has_a_page(record):
 
 
 def test_missing_numbers_are_dashes(record):
-    squeezed = make_compressed(LEFT[0])
-    measures = dict(squeezed.measures) | {"force_n": float("nan")}
-    view = ReportedView(dataclasses.replace(squeezed, measures=measures))
+    compressed = make_compressed(LEFT[0])
+    measures = dict(compressed.measures) | {"force_n": float("nan")}
+    view = ReportedView(dataclasses.replace(compressed, measures=measures))
     text = Page(render_report([view], [], record)).words
     assert "Force on the paddle – N" in text
     assert "nan" not in text
@@ -334,8 +334,8 @@ def test_a_magnified_view_does_not_change_the_crop_of_the_others():
     magnified = dataclasses.replace(large, gantry=gantry)
     alone = common_crops([contact], [[]]) + common_crops([magnified], [[]])
     assert common_crops([contact, magnified], [[], []]) == alone
-    squeezed = make_compressed(View("CC", "R"))
-    views = [ReportedView(squeezed, mammogram) for mammogram in (contact, magnified)]
+    compressed = make_compressed(View("CC", "R"))
+    views = [ReportedView(compressed, mammogram) for mammogram in (contact, magnified)]
     ((first, second),) = [row["single"] for row in hanging(views, [], ReportSettings())]
     # 2 cm in the breast: 650/365 against 650/635 times as long on the detector.
     assert second.two_cm_px / first.two_cm_px == pytest.approx(635.0 / 365.0)
@@ -394,14 +394,14 @@ def test_without_anything_to_draw_there_is_no_curve(history):
 
 def with_error(view: View, **measures: float) -> ReportedView:
     """A view whose solver told how far it is from equilibrium."""
-    squeezed = make_compressed(view)
-    told = dict(squeezed.measures) | measures
-    return ReportedView(dataclasses.replace(squeezed, measures=told), make_mammogram(view))
+    compressed = make_compressed(view)
+    told = dict(compressed.measures) | measures
+    return ReportedView(dataclasses.replace(compressed, measures=told), make_mammogram(view))
 
 
 def test_the_first_things_said_are_shift_thickness_dose_and_how_sure():
     view = with_error(LEFT[0], error_mm=0.004, largest_error_mm=0.123)
-    found = glance([view], make_targets(LEFT[0]), ShiftAnswers())
+    found = glance([view], make_targets(LEFT[0]), LesionShiftResults())
     assert [line.name for line in found.moved] == ["1 mass 1", "2 calcs", "3 clip A"]
     assert found.moved[0].text == f"LCC {make_targets(LEFT[0])[0].shift_mm:.0f} mm"
     assert [(line.name, line.text) for line in found.dose] == [
@@ -415,7 +415,7 @@ def test_the_first_things_said_are_shift_thickness_dose_and_how_sure():
 
 def test_what_did_not_converge_or_was_not_exposed_is_said_first():
     view = ReportedView(make_compressed(LEFT[0], converged=False))
-    found = glance([view], [], ShiftAnswers())
+    found = glance([view], [], LesionShiftResults())
     assert found.dose[0].text.endswith("no image was made")
     assert found.sure[0].text == "did not converge: do not rely on it"
 
@@ -423,7 +423,7 @@ def test_what_did_not_converge_or_was_not_exposed_is_said_first():
 def test_many_lesions_are_counted_after_the_first_ones(record):
     mass = make_targets(LEFT[0])[0]
     many = [dataclasses.replace(mass, target_id=number) for number in range(1, 10)]
-    assert glance(views_of(LEFT[0]), many, ShiftAnswers()).more == 3
+    assert glance(views_of(LEFT[0]), many, LesionShiftResults()).more == 3
     text = Page(render_report(views_of(LEFT[0]), many, record)).words
     assert "3 more in the table" in text
 

@@ -30,7 +30,7 @@ from mammosim.report.markers import markers
 from mammosim.report.planes import FRAMES, drawings
 from mammosim.report.sections import PIXEL_MM, PLANES, Box, interpolated_field, section
 from mammosim.report.solid import plotly_gzip_base64, skin_surface, solid
-from mammosim.targets import BiopsyResult, RuleError, ShiftAnswers, ShiftUncertainty
+from mammosim.targets import BiopsyResult, LesionShiftResults, RuleError, ShiftUncertainty
 
 CC, MLO = View("CC", "L"), View("MLO", "L")
 FLAT = ReportSettings(three_d=False)
@@ -109,19 +109,19 @@ def test_a_section_is_one_plane_of_the_breast():
 
 def test_a_section_shows_each_tissue_where_it_came_to_lie():
     """A homogeneous stretch: the compressed section is the uncompressed one, stretched."""
-    squeezed = make_compressed(CC)
+    compressed = make_compressed(CC)
     stretch = np.array([1.15, 1.1, 52.0 / (2 * RADIUS_MM)])
     middle = np.zeros(3)
     frontal = PLANES[0]
     before = Box(-40.0, -40.0, 80.0, 80.0)
     at = before.centres_mm.reshape(-1, 2)
     inside = np.linalg.norm(at, axis=1) < 0.8 * RADIUS_MM  # away from the lattice's rim
-    grey = section(squeezed.phantom, frontal, middle, before).ravel()
+    grey = section(compressed.phantom, frontal, middle, before).ravel()
     for share in (0.5, 1.0):
         way = 1.0 + share * (stretch - 1.0)
         wide = Box(-60.0, -60.0, 120.0, 120.0)
-        field = interpolated_field(squeezed.field, share)
-        moved = section(squeezed.phantom, frontal, middle, wide, field)
+        field = interpolated_field(compressed.field, share)
+        moved = section(compressed.phantom, frontal, middle, wide, field)
         row = np.floor(at[:, 1] * way[2] + 60.0).astype(int)
         column = np.floor(at[:, 0] * way[1] + 60.0).astype(int)
         same = moved[row, column] == grey
@@ -129,8 +129,8 @@ def test_a_section_shows_each_tissue_where_it_came_to_lie():
 
 
 def test_gland_is_brighter_than_fat_and_lesions_are_white():
-    squeezed = make_compressed(CC)
-    phantom = squeezed.phantom
+    compressed = make_compressed(CC)
+    phantom = compressed.phantom
     mass = phantom.lesions[0]
     frontal = PLANES[0]
     image = section(phantom, frontal, mass.position_mm, Box(-50.0, -50.0, 100.0, 100.0))
@@ -148,11 +148,11 @@ def test_the_surface_is_the_skin():
 
 
 def test_the_3d_view_moves_by_the_field():
-    squeezed, targets = make_compressed(CC), make_targets(CC)
-    drawn = solid(squeezed, targets)
+    compressed, targets = make_compressed(CC), make_targets(CC)
+    drawn = solid(compressed, targets)
     skin = np.stack([np.array(axis) for axis in drawn["skin"]], axis=-1)
     shift = np.stack([np.array(axis) for axis in drawn["skin_shift"]], axis=-1)
-    expected = squeezed.displacement_at(skin.reshape(-1, 3)).reshape(skin.shape)
+    expected = compressed.displacement_at(skin.reshape(-1, 3)).reshape(skin.shape)
     np.testing.assert_allclose(shift, expected, atol=0.1)  # a tenth is written
     assert [target["name"] for target in drawn["targets"]] == [row.name for row in targets]
     assert drawn["targets"][0]["shift"] == targets[0].shift_vector_mm.tolist()
@@ -201,7 +201,7 @@ def answers():
     lying = dataclasses.replace(none, name="lying", biopsy_view="supine")
     alone = dataclasses.replace(lying, target_id=2, name="alone")
     place = dataclasses.replace(spread, view="CC supine", samples=48, long_mm=5.1)
-    return ShiftAnswers(rules, (needle, air, unseen, none, lying, alone), (spread, place))
+    return LesionShiftResults(rules, (needle, air, unseen, none, lying, alone), (spread, place))
 
 
 def test_the_answers_are_in_tables(record):

@@ -210,7 +210,7 @@ def test_not_converged_counts_more_than_what_it_leads_to(user, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "stage", ["make_phantom", "compress", "project", "expose", "find_targets", "exam_answers"]
+    "stage", ["make_phantom", "compress", "project", "expose", "find_targets", "exam_results"]
 )
 def test_an_interruption_at_any_stage_leaves_a_marked_record(user, monkeypatch, stage):
     from mammosim.pipeline.run import simulation

@@ -100,9 +100,9 @@ def chain():
         args, keys = given(GenerateSettings, density="dense", voxel_mm=4.0, volume_ml=300.0)
         breast = mammosim.generate_phantom(*args, seed=2, **keys)
         args, keys = given(CompressionSettings, thickness_mm=50.0, resolution_mm=6.0)
-        squeezed = mammosim.compress(breast, "CC", *args, **keys)
+        compressed = mammosim.compress(breast, "CC", *args, **keys)
         args, keys = given(ProjectionSettings, pixel_mm=2.0)
-        paths = mammosim.project(squeezed, *args, **keys)
+        paths = mammosim.project(compressed, *args, **keys)
         args, keys = given(AcquisitionSettings, mas=44.0, kvp=27.0, **FEW_PHOTONS)
         return mammosim.expose(paths, *args, seed=3, **keys)
 
@@ -125,13 +125,13 @@ def test_a_series_without_a_grid_unless_asked_for(arc):
 @pytest.fixture(scope="module")
 def arc():
     breast = mammosim.generate_phantom("b", 4.0, 1, volume_ml=300.0)
-    squeezed = mammosim.compress(breast, model="none")
+    compressed = mammosim.compress(breast, model="none")
     sweep = TomosynthesisSettings(view="CC", projections=3)
-    return mammosim.project_arc(squeezed, sweep, pixel_mm=3.0)
+    return mammosim.project_arc(compressed, sweep, pixel_mm=3.0)
 
 
 def test_an_arc_by_object_and_by_keys(arc):
-    by_keys = mammosim.project_arc(arc.squeezed, {"projections": 3}, pixel_mm=3.0)
+    by_keys = mammosim.project_arc(arc.compressed, {"projections": 3}, pixel_mm=3.0)
     assert by_keys.settings == arc.settings
     assert by_keys.gantries == arc.gantries
 

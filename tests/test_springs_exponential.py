@@ -82,9 +82,10 @@ def test_a_series_of_two_materials_shares_its_length(solver):
     moduli = [4.5] * 5 + [15.0] * 6
     problem = stiffening(hanging_column(moduli, weight=0.0))
     problem.fixed[1, 1, 1] = True
-    squeezed = np.zeros(problem.modulus.shape)
-    squeezed[1, 1, 1:-1] = np.linspace(2.5, 0.0, 11)
-    start = SpringState((np.zeros_like(squeezed), np.zeros_like(squeezed), squeezed), False, 1.0,
+    compressed = np.zeros(problem.modulus.shape)
+    compressed[1, 1, 1:-1] = np.linspace(2.5, 0.0, 11)
+    still = np.zeros_like(compressed)
+    start = SpringState((still, still.copy(), compressed), False, 1.0,
                         np.zeros(0))  # fmt: skip
     state = SOLVERS[solver](problem, start=start)
     shorter = -np.diff(state.displacement[2][1, 1, 1:-1])

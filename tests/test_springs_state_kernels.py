@@ -98,7 +98,7 @@ def test_obstacles_hold_nodes_along_x_and_z(axis, advance):
             u, force, diagonal, free, plates, slack, contact, advance
         )
     else:
-        found = lattice.hold_before_ends(
+        found = lattice.plate_end_contact(
             u, uz, force, diagonal, free, plates, chest, slack, contact, advance
         )
     assert {-1, 0, 1} <= set(np.unique(expected[free > 0]))

@@ -1,8 +1,8 @@
-"""Targets of a breast squeezed by formula: every column against its definition."""
+"""Targets of a breast compressed by formula: every column against its definition."""
 
 import numpy as np
 import pytest
-from naive.projection import inverse_map, phantom, squeezed
+from naive.projection import compressed, inverse_map, phantom
 
 from mammosim.geometry import View
 from mammosim.phantom import Landmark, Lesion
@@ -53,7 +53,7 @@ def half_ball(centre_mm, laterality, radius_mm=4.0):
 
 
 def compress(breast, view, edge_mm=0.0):
-    """The breast squeezed by `squeeze`, with the exact field beside the inverse map."""
+    """The breast compressed by `squeeze`, with the exact field beside the inverse map."""
     rotation = View(view, breast.laterality).rotation
     reach = RADIUS_MM * SQUEEZE + 5.0
     inverse = inverse_map(release, [-4.0, -reach[1], -reach[2]], reach, 2.0)
@@ -66,7 +66,7 @@ def compress(breast, view, edge_mm=0.0):
         return np.repeat((rotation.T @ GRADIENT @ rotation)[None], len(points_mm), axis=0)
 
     height = RADIUS_MM * SQUEEZE[2]
-    return squeezed(
+    return compressed(
         breast, inverse, view, plates_mm=(-height, height), edge_mm=edge_mm,
         displacement_at=displacement_at, deformation_gradient_at=deformation_gradient_at,
     )  # fmt: skip
@@ -181,7 +181,7 @@ def test_behind_the_detectors_edge_is_out_of_the_field():
 def test_large_lesions_are_followed_by_an_even_share_of_their_voxels(monkeypatch):
     breast = upper_outer("R")
     every, _ = targets_of(breast, "MLO")
-    monkeypatch.setattr(origins, "MOST_VOXELS", 60)
+    monkeypatch.setattr(origins, "MAX_VOXELS", 60)
     some, _ = targets_of(breast, "MLO")
     assert (some[0].x_mm, some[0].y_mm, some[0].z_mm) == (
         every[0].x_mm,

@@ -11,7 +11,7 @@ from naive.projection import phantom
 
 from mammosim.compression import compress
 from mammosim.geometry import View
-from mammosim.targets import rule_errors, target_doubts, target_origins
+from mammosim.targets import rule_errors, target_origins, target_warnings
 
 
 def seen(name, side="L", **changes):
@@ -67,13 +67,13 @@ def test_every_pair_of_views_and_only_what_both_show():
 
 def test_targets_out_of_field_or_lattice_are_told():
     view = View("CC", "L")
-    squeezed = make_compressed(view)
+    compressed = make_compressed(view)
     targets = make_targets(view)
     del targets[3]  # the made-up phantom has no landmarks
-    origins = target_origins(squeezed.phantom)
-    assert target_doubts(squeezed, targets, origins) == ()
+    origins = target_origins(compressed.phantom)
+    assert target_warnings(compressed, targets, origins) == ()
     lost = [dataclasses.replace(targets[0], in_field=False), *targets[1:]]
-    (note,) = target_doubts(squeezed, lost, origins)
+    (note,) = target_warnings(compressed, lost, origins)
     assert note == "LCC: mass 'mass 1' is not in the image; no needle can be aimed at it"
 
 
@@ -82,12 +82,12 @@ def test_a_speck_that_hangs_on_nothing_is_doubted():
     labels[:20, 5:35, 5:35] = 1
     labels[34:38, 18:22, 18:22] = 1  # in front of the breast, with nothing between
     breast = phantom(labels, 1.0, [0.5, -19.5, -19.5])
-    squeezed = compress(breast, view="CC", thickness_mm=24.0, resolution_mm=2.0)
+    compressed = compress(breast, view="CC", thickness_mm=24.0, resolution_mm=2.0)
     row = make_targets(View("CC", "L"))[-1]
     origins = target_origins(breast)
-    (note,) = target_doubts(squeezed, [row], origins)
+    (note,) = target_warnings(compressed, [row], origins)
     assert note.startswith("LCC: the nipple is not in the mechanical lattice")
     on_the_skin = dataclasses.replace(origins[-1], points_mm=np.array([[20.5, 0.0, 0.0]]))
-    assert target_doubts(squeezed, [row], [on_the_skin]) == ()
+    assert target_warnings(compressed, [row], [on_the_skin]) == ()
     left_alone = compress(breast, view="CC", model="none")
-    assert target_doubts(left_alone, [row], origins) == ()
+    assert target_warnings(left_alone, [row], origins) == ()

@@ -64,8 +64,8 @@ def one_thread():
 
 
 def make_sampler(model):
-    squeezed = compress(breast(), view="CC", **KEYS[model])
-    return Sampler(squeezed, CompressionSettings(**KEYS[model])), squeezed
+    compressed = compress(breast(), view="CC", **KEYS[model])
+    return Sampler(compressed, CompressionSettings(**KEYS[model])), compressed
 
 
 @pytest.fixture(scope="module", params=list(KEYS))
@@ -144,8 +144,8 @@ def test_draws_are_seeded_within_their_ranges_and_one_breast_is_one_breast():
 
 
 def test_fibres_are_drawn_where_a_model_knows_them(sampler):
-    varied, squeezed = sampler
-    assert varied.has_fibres == (squeezed.model == "hyperelastic")
+    varied, compressed = sampler
+    assert varied.has_fibres == (compressed.model == "hyperelastic")
 
     def ratios(nominal, **keys):
         samples = draw_samples(
@@ -161,7 +161,7 @@ def test_fibres_are_drawn_where_a_model_knows_them(sampler):
     assert np.isnan(ratios(None)).all()
     assert np.isnan(ratios(1.0, fibre_ratio=1.0)).all()
     if varied.has_fibres:  # they hold the breast back towards the front
-        points = np.array([mark.position_mm for mark in squeezed.phantom.landmarks])
+        points = np.array([mark.position_mm for mark in compressed.phantom.landmarks])
         nominal = varied.field(Sample({})).displacement_at(points)
         fibrous = varied.field(Sample({}, fibre_ratio=3.0)).displacement_at(points)
         assert (fibrous[:, 0] < nominal[:, 0]).all()
@@ -182,39 +182,39 @@ def test_a_posture_varies_with_the_tissue():
 
 
 def test_the_sample_that_deviates_by_nothing_is_the_compression_itself(sampler):
-    varied, squeezed = sampler
+    varied, compressed = sampler
     field = varied.field(Sample({}))
-    if squeezed.model == "hyperelastic":  # from rest, as the compression itself: bit for bit
-        np.testing.assert_array_equal(field.displacement_mm, squeezed.field.displacement_mm)
-    points = squeezed.phantom.frame.position_mm(np.argwhere(squeezed.phantom.labels > 0))
+    if compressed.model == "hyperelastic":  # from rest, as the compression itself: bit for bit
+        np.testing.assert_array_equal(field.displacement_mm, compressed.field.displacement_mm)
+    points = compressed.phantom.frame.position_mm(np.argwhere(compressed.phantom.labels > 0))
     # Both are within 0.01 lattice units of 4 mm of the same equilibrium.
     np.testing.assert_allclose(
-        field.displacement_at(points), squeezed.displacement_at(points), atol=0.08
+        field.displacement_at(points), compressed.displacement_at(points), atol=0.08
     )
 
 
 def test_a_sample_is_what_its_settings_would_give_alone(sampler):
-    varied, squeezed = sampler
+    varied, compressed = sampler
     sample = Sample({"gland": 2.0}, thickness_mm=-4.0, height_mm=1.0, edge_mm=-1.0)
     field = varied.field(sample)
-    moduli = CompressionSettings(model=squeezed.model).moduli
-    keys = {key: value for key, value in KEYS[squeezed.model].items() if key != "thickness_mm"}
+    moduli = CompressionSettings(model=compressed.model).moduli
+    keys = {key: value for key, value in KEYS[compressed.model].items() if key != "thickness_mm"}
     again = compress(
-        squeezed.phantom, view="CC", support_z_mm=squeezed.support_z_mm + 3.0,
-        paddle_z_mm=squeezed.paddle_z_mm - 1.0, plate_edge_mm=squeezed.plate_edge_mm - 1.0,
+        compressed.phantom, view="CC", support_z_mm=compressed.support_z_mm + 3.0,
+        paddle_z_mm=compressed.paddle_z_mm - 1.0, plate_edge_mm=compressed.plate_edge_mm - 1.0,
         stiffness_kpa={"gland": 2.0 * moduli("gland")}, **keys,
     )  # fmt: skip
-    if squeezed.model == "hyperelastic":
+    if compressed.model == "hyperelastic":
         np.testing.assert_array_equal(field.displacement_mm, again.field.displacement_mm)
-    points = np.array([mark.position_mm for mark in squeezed.phantom.landmarks])
+    points = np.array([mark.position_mm for mark in compressed.phantom.landmarks])
     np.testing.assert_allclose(
         field.displacement_at(points), again.displacement_at(points), atol=0.08
     )
 
 
 def test_all_moduli_together_change_nothing_one_alone_does(sampler):
-    varied, squeezed = sampler
-    points = np.array([mark.position_mm for mark in squeezed.phantom.landmarks])
+    varied, compressed = sampler
+    points = np.array([mark.position_mm for mark in compressed.phantom.landmarks])
     nominal = varied.field(Sample({})).displacement_at(points)
     together = varied.field(Sample(dict.fromkeys(varied.groups, 4.0)))
     np.testing.assert_allclose(together.displacement_at(points), nominal, atol=0.08)
@@ -234,8 +234,8 @@ LARGE = {
 @pytest.mark.parametrize("keys", LARGE.values(), ids=list(LARGE))
 def test_a_sample_is_the_same_on_any_number_of_threads(keys):
     body = half_ellipsoid_breast(voxel_mm=2.0, semi_axes_mm=(70.0, 70.0, 60.0))
-    squeezed = compress(body, view="CC", thickness_mm=80.0, **keys)
-    varied = Sampler(squeezed, CompressionSettings(**keys))
+    compressed = compress(body, view="CC", thickness_mm=80.0, **keys)
+    varied = Sampler(compressed, CompressionSettings(**keys))
     sample = Sample({"gland": 1.5, "skin": 0.7}, thickness_mm=3.0, lattice=3)
     fields = []
     for threads in (1, numba.config.NUMBA_NUM_THREADS):
@@ -246,20 +246,20 @@ def test_a_sample_is_the_same_on_any_number_of_threads(keys):
 
 
 def test_a_sample_is_never_squeezed_flat(sampler):
-    varied, squeezed = sampler
+    varied, compressed = sampler
     field = varied.field(Sample({}, thickness_mm=-100.0))
-    points = squeezed.phantom.frame.position_mm(np.argwhere(squeezed.phantom.labels > 0))
+    points = compressed.phantom.frame.position_mm(np.argwhere(compressed.phantom.labels > 0))
     z = points[:, 2] + field.displacement_at(points)[:, 2]
-    assert np.ptp(z[points[:, 0] > 12.0]) > 0.45 * squeezed.thickness_mm
+    assert np.ptp(z[points[:, 0] > 12.0]) > 0.45 * compressed.thickness_mm
 
 
 # Calibration. It tests the sampling, not the physics: truths come from the same model.
 
 
 def test_truths_of_the_same_ranges_fall_into_the_ellipsoid_95_times_of_100(springs):
-    varied, squeezed = springs
+    varied, compressed = springs
     wanted = UncertaintySettings(samples=160)
-    origins = target_origins(squeezed.phantom)
+    origins = target_origins(compressed.phantom)
     samples = draw_samples(wanted, varied.groups, "LCC", 11)
     shifts = sampled_shifts(varied, origins, samples)
     inside = [
@@ -273,8 +273,8 @@ def test_truths_of_the_same_ranges_fall_into_the_ellipsoid_95_times_of_100(sprin
 
 
 def test_rows_hold_the_samples_statistics(springs):
-    varied, squeezed = springs
-    origins = target_origins(squeezed.phantom)
+    varied, compressed = springs
+    origins = target_origins(compressed.phantom)
     samples = draw_samples(UncertaintySettings(samples=12), varied.groups, "LCC", 2)
     numbers = {}
     shifts = sampled_shifts(varied, origins, samples, lambda n, row: numbers.update({n: row}))
@@ -300,11 +300,11 @@ def test_rows_hold_the_samples_statistics(springs):
 
 
 def test_progress_says_which_sample_is_computed(springs, capsys, monkeypatch):
-    monkeypatch.setattr("mammosim.cli.progress.SECONDS_A_LINE", -1.0)
-    squeezed = springs[1]
-    with progress(Plan((), 1.0, ()), verbose=True) as tell:
-        tell("LCC", "uncertainty", None)
-        tell("LCC", "uncertainty, sample 7 of 50", squeezed.history[-1])
+    monkeypatch.setattr("mammosim.cli.progress.SECONDS_PER_LINE", -1.0)
+    compressed = springs[1]
+    with progress(Plan((), 1.0, ()), verbose=True) as on_progress:
+        on_progress("LCC", "uncertainty", None)
+        on_progress("LCC", "uncertainty, sample 7 of 50", compressed.history[-1])
     said = capsys.readouterr().err
     assert "LCC: compressing again for the uncertainty (" in said
     assert "LCC: uncertainty, sample 7 of 50 (" in said
@@ -312,10 +312,10 @@ def test_progress_says_which_sample_is_computed(springs, capsys, monkeypatch):
 
 def test_where_nothing_varies_there_is_no_spread(sampler):
     """The same compression every time: a covariance of exactly nothing."""
-    varied, squeezed = sampler
+    varied, compressed = sampler
     still = UncertaintySettings(stiffness_spread=0, thickness_mm=0, plate_height_mm=0,
                                 plate_edge_mm=0, lattice=False)  # fmt: skip
-    origins = target_origins(squeezed.phantom)
+    origins = target_origins(compressed.phantom)
     samples = draw_samples(still, varied.groups, "LCC", 4)[:5]
     rows = uncertainties(origins, {"CC": sampled_shifts(varied, origins, samples)})
     assert len(rows) == len(origins)
@@ -326,8 +326,8 @@ def test_where_nothing_varies_there_is_no_spread(sampler):
 
 
 def test_samples_do_not_depend_on_those_before(sampler):
-    varied, squeezed = sampler
-    origins = target_origins(squeezed.phantom)
+    varied, compressed = sampler
+    origins = target_origins(compressed.phantom)
     samples = draw_samples(UncertaintySettings(), varied.groups, "LCC", 7)[:3]
     shifts = sampled_shifts(varied, origins, samples)
     assert np.isfinite(shifts).all()
@@ -337,12 +337,12 @@ def test_samples_do_not_depend_on_those_before(sampler):
 
 def test_lattices_off_their_place_hold_the_same_breast(sampler):
     """Their surface is another staircase of 4 mm, the breast between the plates is not."""
-    varied, squeezed = sampler
-    points = np.array([mark.position_mm for mark in squeezed.phantom.landmarks])
-    nominal = squeezed.displacement_at(points)
+    varied, compressed = sampler
+    points = np.array([mark.position_mm for mark in compressed.phantom.landmarks])
+    nominal = compressed.displacement_at(points)
     for number, shift in enumerate(LATTICE_SHIFTS):
         found = varied.compressed(Sample({}, lattice=number))
-        away = found.field.frame.origin_mm - squeezed.field.frame.origin_mm
+        away = found.field.frame.origin_mm - compressed.field.frame.origin_mm
         assert away[1:] / 4.0 % 1.0 == pytest.approx(shift)
         assert found.converged
         # Half an element's edge.
@@ -350,8 +350,8 @@ def test_lattices_off_their_place_hold_the_same_breast(sampler):
 
 
 def test_a_sample_that_is_interrupted_ends_all(springs, monkeypatch):
-    varied, squeezed = springs
-    stopped = dataclasses.replace(squeezed, interrupted=True)
+    varied, compressed = springs
+    stopped = dataclasses.replace(compressed, interrupted=True)
     stopping = dataclasses.replace(MODELS["springs"], compress=lambda *given, **keys: stopped)
     monkeypatch.setitem(MODELS, "springs", stopping)
     with pytest.raises(Interrupted, match="LCC: a sample was interrupted"):
@@ -366,9 +366,9 @@ def test_a_sample_says_how_it_deviates():
 
 
 def test_a_sample_without_equilibrium_is_not_counted(springs, monkeypatch):
-    varied, squeezed = springs
+    varied, compressed = springs
     monkeypatch.setattr(varied, "field", lambda sample, watch: None)
-    shifts = sampled_shifts(varied, target_origins(squeezed.phantom), [Sample({})])
+    shifts = sampled_shifts(varied, target_origins(compressed.phantom), [Sample({})])
     assert np.isnan(shifts).all()
 
 

@@ -78,7 +78,7 @@ def test_compression_begins_at_the_shape_without_weight():
 
 
 def test_a_shape_that_is_not_found_is_said(monkeypatch):
-    monkeypatch.setattr(unloading, "MOST_PASSES", 2)
+    monkeypatch.setattr(unloading, "MAX_PASSES", 2)
     monkeypatch.setattr(unloading, "MEAN_MM", 0.0)
     message = (
         r"shaped_under: found no shape without weight .* prone, .* after 2 passes .* mm at most"

@@ -15,7 +15,7 @@ from mammosim.acquisition.exposure import MAX_CONTROLLED_MAS
 from mammosim.acquisition.grid_parts import scatter_behind_grid
 from mammosim.acquisition.iodine_background import flattened
 from mammosim.acquisition.mammogram import IodineImage
-from mammosim.acquisition.recording import Arrival, Exposure
+from mammosim.acquisition.recording import DetectorInput, Exposure
 from mammosim.acquisition.settings import AcquisitionSettings, ContrastSettings
 from mammosim.acquisition.signal import rays_of
 from mammosim.tissues import Material, composition
@@ -54,29 +54,29 @@ def high_energy_mas(agent: ContrastSettings, low_dose_mgy: float, dose_mgy_mas: 
 
 
 def primary_attenuation(
-    arrival: Arrival, signal: NDArray[np.float32], exposure: Exposure
+    incident: DetectorInput, signal: NDArray[np.float32], exposure: Exposure
 ) -> NDArray[np.float32]:
     """ln(signal of air / signal) of a recorded signal, keV/pixel, less its mean scatter.
 
     Real units estimate the scatter, which is smooth, from the image. Here the scatter that was
     computed is subtracted, so that only its noise is left.
     """
-    cell = arrival.coarse.cell
-    scatter = scatter_behind_grid(arrival.scatter, arrival.settings, arrival.coarse.inside)
+    cell = incident.coarse.cell
+    scatter = scatter_behind_grid(incident.scatter, incident.settings, incident.coarse.inside)
     primary = signal.copy()
     add_scatter_kernel(
         scatter * exposure.mas, float(cell), 1.0, -1.0, primary, np.zeros_like(primary)
     )
     log_attenuation_kernel(
-        primary, exposure.air_signal * arrival.unit.air_profile, arrival.unit.weights.mean_depth,
-        rays_of(arrival.paths.gantry), primary,
+        primary, exposure.air_signal * incident.unit.air_profile, incident.unit.weights.mean_depth,
+        rays_of(incident.paths.gantry), primary,
     )  # fmt: skip
     return primary
 
 
 def recombine(
-    low: Arrival,
-    high: Arrival,
+    low: DetectorInput,
+    high: DetectorInput,
     low_attenuation: NDArray[np.float32],
     high_attenuation: NDArray[np.float32],
 ) -> IodineImage:
@@ -84,7 +84,7 @@ def recombine(
 
     Parameters
     ----------
-    low, high : Arrival
+    low, high : DetectorInput
         What reached the detector in each exposure.
     low_attenuation, high_attenuation : ndarray of float32, [row, column]
         From `primary_attenuation`. The latter is overwritten with the result.
@@ -112,7 +112,7 @@ def recombine(
     return IodineImage(iodine, shown, weight, sensitivity)
 
 
-def _weights(low: Arrival, high: Arrival) -> tuple[float, float]:
+def _weights(low: DetectorInput, high: DetectorInput) -> tuple[float, float]:
     """Weight of the low-energy image, and change of the result for 1 mg/cm2 of iodine."""
     settings = low.settings
     materials = composition(settings.composition, settings.calcification)
@@ -120,25 +120,25 @@ def _weights(low: Arrival, high: Arrival) -> tuple[float, float]:
     half = 0.5 * sum(GLAND_SHARES)
     without, with_iodine = [], []
     tissue = []
-    for arrival in (low, high):
-        lean, dense = (_attenuation(arrival, materials, thickness_mm, g) for g in GLAND_SHARES)
+    for incident in (low, high):
+        lean, dense = (_attenuation(incident, materials, thickness_mm, g) for g in GLAND_SHARES)
         tissue.append(dense - lean)
-        without.append(_attenuation(arrival, materials, thickness_mm, half))
-        with_iodine.append(_attenuation(arrival, materials, thickness_mm, half, TEST_MG_CM2))
+        without.append(_attenuation(incident, materials, thickness_mm, half))
+        with_iodine.append(_attenuation(incident, materials, thickness_mm, half, TEST_MG_CM2))
     weight = tissue[1] / tissue[0]
     change = [after - before for before, after in zip(without, with_iodine, strict=True)]
     return weight, (change[1] - weight * change[0]) / TEST_MG_CM2
 
 
 def _attenuation(
-    arrival: Arrival,
+    incident: DetectorInput,
     materials: Mapping[str, Material],
     thickness_mm: float,
     gland: float,
     iodine_mg_cm2: float = 0.0,
 ) -> float:
     """Attenuation of a slab of gland and fat under a beam."""
-    energy, weight = arrival.unit.energy_kev, arrival.unit.energy_weight[0]
+    energy, weight = incident.unit.energy_kev, incident.unit.energy_weight[0]
     mu = sum(
         share * attenuation_per_mm(materials[name], energy)
         for name, share in (("gland", gland), ("adipose", 1.0 - gland))

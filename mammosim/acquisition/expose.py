@@ -25,7 +25,7 @@ from mammosim.acquisition.fat_level import fat_attenuation
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import ContrastPair, Dose, GlandularDose, Mammogram
 from mammosim.acquisition.presentation import present
-from mammosim.acquisition.recording import Arrival, Exposure, arrive, record
+from mammosim.acquisition.recording import DetectorInput, Exposure, detector_input, record
 from mammosim.acquisition.settings import AcquisitionSettings, ContrastSettings
 from mammosim.acquisition.signal import rays_of
 from mammosim.compression import CompressedBreast
@@ -89,10 +89,12 @@ def expose(
     pixels.
     """
     settings = given_settings(AcquisitionSettings, settings, keys, "expose()", ("acquisition",))
-    arrival = arrive(paths, settings, breast, seed=seed, dose_map=dose_map, keep_primary=True)
+    incident = detector_input(
+        paths, settings, breast, seed=seed, dose_map=dose_map, keep_primary=True
+    )
     draws = 1 if watch is None or settings.realisations is None else settings.realisations
-    kept = _copied(arrival) if draws > 1 else arrival
-    image = _recorded(arrival, seed, breast)
+    kept = _copied(incident) if draws > 1 else incident
+    image = _recorded(incident, seed, breast)
     if watch is not None and draws > 1:
         watch(1, image)
         for number in range(2, draws + 1):
@@ -100,10 +102,10 @@ def expose(
     return image
 
 
-def _copied(arrival: Arrival) -> Arrival:
-    """A copy of the arrival with its own images and without the separate primary."""
+def _copied(incident: DetectorInput) -> DetectorInput:
+    """A copy of the input with its own images and without the separate primary."""
     return replace(
-        arrival, signal=arrival.signal.copy(), square=arrival.square.copy(), primary=None
+        incident, signal=incident.signal.copy(), square=incident.square.copy(), primary=None
     )
 
 
@@ -115,27 +117,27 @@ def noise_stream(settings: AcquisitionSettings, seed: int, number: int = 1) -> n
 
 
 def _recorded(
-    arrival: Arrival, seed: int, breast: CompressedBreast | None, number: int = 1
+    incident: DetectorInput, seed: int, breast: CompressedBreast | None, number: int = 1
 ) -> Mammogram:
     """One exposure of what arrives, whose images are overwritten."""
-    settings = arrival.settings
+    settings = incident.settings
     rng = np.random.Generator(noise_stream(settings, seed, number))
-    wanted_mas = arrival.wanted_mas  # while the signal is still that of 1 mAs
-    signal, exposure = record(arrival, arrival.controlled_mas(wanted_mas), rng)
-    gain = _counts_per_kev(exposure, arrival.paths)
+    wanted_mas = incident.wanted_mas  # while the signal is still that of 1 mAs
+    signal, exposure = record(incident, incident.controlled_mas(wanted_mas), rng)
+    gain = _counts_per_kev(exposure, incident.paths)
     if settings.contrast is None:
-        image = mammogram_of(arrival, exposure, signal, gain)
+        image = mammogram_of(incident, exposure, signal, gain)
     else:
-        attenuation = primary_attenuation(arrival, signal, exposure)
-        image = mammogram_of(arrival, exposure, signal, gain)
+        attenuation = primary_attenuation(incident, signal, exposure)
+        image = mammogram_of(incident, exposure, signal, gain)
         agent = settings.contrast
-        image = _with_contrast(image, arrival, attenuation, agent, breast, seed, number)
-    return with_warnings(image, arrival, wanted_mas)
+        image = _with_contrast(image, incident, attenuation, agent, breast, seed, number)
+    return with_warnings(image, incident, wanted_mas)
 
 
 def _with_contrast(
     image: Mammogram,
-    low: Arrival,
+    low: DetectorInput,
     attenuation: NDArray[np.float32],
     agent: ContrastSettings,
     breast: CompressedBreast | None,
@@ -144,7 +146,7 @@ def _with_contrast(
 ) -> Mammogram:
     """The low-energy mammogram with its high-energy exposure and the image of iodine."""
     settings = high_energy_settings(low.settings, agent)
-    high = arrive(low.paths, settings, breast, seed=seed)
+    high = detector_input(low.paths, settings, breast, seed=seed)
     dose, factors = dose_of(high, 1.0)
     mas = high_energy_mas(agent, image.dose_mgy, dose.mgd_mgy)
     high = replace(high, settings=settings.model_copy(update={"mas": mas}))
@@ -172,22 +174,27 @@ def _contrast(pair: ContrastPair) -> dict[str, float]:
 
 
 def mammogram_of(
-    arrival: Arrival, exposure: Exposure, signal: NDArray[np.float32], counts_per_kev: float
+    incident: DetectorInput, exposure: Exposure, signal: NDArray[np.float32], counts_per_kev: float
 ) -> Mammogram:
     """Images and technique of a recorded signal (keV/pixel), which is overwritten."""
-    paths, settings, beam, coarse = arrival.paths, arrival.settings, arrival.beam, arrival.coarse
+    paths, settings, beam, coarse = (
+        incident.paths,
+        incident.settings,
+        incident.beam,
+        incident.coarse,
+    )
     gantry = paths.gantry
     for_processing = to_counts(signal, counts_per_kev)
-    air_signal = exposure.air_signal * arrival.unit.air_profile
-    mean_depth = arrival.unit.weights.mean_depth
+    air_signal = exposure.air_signal * incident.unit.air_profile
+    mean_depth = incident.unit.weights.mean_depth
     log_attenuation_kernel(signal, air_signal, mean_depth, rays_of(gantry), signal)
     spot = gantry.view.spot
     pressed = under_spot_paddle(coarse.tissue_mm, paths.thickness_mm) if spot else None
-    picture = present(signal, gantry.pixel_mm, fat_attenuation(arrival), settings.look, pressed)
+    picture = present(signal, gantry.pixel_mm, fat_attenuation(incident), settings.look, pressed)
 
-    dose, factors = dose_of(arrival, exposure.mas)
+    dose, factors = dose_of(incident, exposure.mas)
     detector_kerma = beam.kerma_mgy_mas(gantry.focal_spot_height_mm) * exposure.mas
-    kept = arrival.primary
+    kept = incident.primary
     if kept is not None:
         kept *= np.float32(exposure.mas)
     return Mammogram(
@@ -204,52 +211,52 @@ def mammogram_of(
         kvp=beam.kvp,
         mas=exposure.mas,
         hvl_mm_al=beam.hvl_mm_al,
-        air_kerma_mgy=entrance_kerma_mgy(arrival, exposure.mas),
+        air_kerma_mgy=entrance_kerma_mgy(incident, exposure.mas),
         dose_mgy=dose.mgd_mgy,
         grid=settings.grid,
         measures={
-            "scatter_to_primary_ratio": arrival.scatter_to_primary,
+            "scatter_to_primary_ratio": incident.scatter_to_primary,
             **_quality(exposure, detector_kerma),
             **_breast(coarse, factors),
             **_contact(paths),
-            **_scatter(arrival),
+            **_scatter(incident),
             **_dose(dose),
             "counts_per_kev": counts_per_kev,
         },
-        notes=(*paths.notes, *arrival.scatter.notes, *factors.notes),
+        notes=(*paths.notes, *incident.scatter.notes, *factors.notes),
         detector=settings.detector,
         focal_spot_mm=settings.focal_spot_mm,
         automatic_exposure=settings.mas is None,
         primary=kept,
-        scatter_cells=arrival.scatter.signal * exposure.mas,
+        scatter_cells=incident.scatter.signal * exposure.mas,
         cell_px=coarse.cell,
-        scatter_model=arrival.scatter.model or settings.scatter_model,
+        scatter_model=incident.scatter.model or settings.scatter_model,
         dose=dose,
         implant=not IMPLANTS.isdisjoint(paths.materials),
     )
 
 
-def entrance_kerma_mgy(arrival: Arrival, mas: float) -> float:
+def entrance_kerma_mgy(incident: DetectorInput, mas: float) -> float:
     """Incident air kerma at the breast's upper surface below the paddle, mGy."""
-    gantry, thickness_mm = arrival.paths.gantry, arrival.paths.thickness_mm
+    gantry, thickness_mm = incident.paths.gantry, incident.paths.thickness_mm
     entrance_mm = gantry.source_to_detector_mm - gantry.support_to_detector_mm - thickness_mm
-    return arrival.beam.kerma_mgy_mas(entrance_mm) * mas
+    return incident.beam.kerma_mgy_mas(entrance_mm) * mas
 
 
-def dose_of(arrival: Arrival, mas: float) -> tuple[Dose, DoseFactors]:
+def dose_of(incident: DetectorInput, mas: float) -> tuple[Dose, DoseFactors]:
     """Dose of an exposure by every available method, and Dance's factors.
 
     Dance means the gland's share of the breast under 5 mm of fat. Only where the voxels are known
     is that known; otherwise the share inside the skin is used.
     """
-    beam, coarse, found = arrival.beam, arrival.coarse, arrival.scatter.dose
-    kerma = entrance_kerma_mgy(arrival, mas)
+    beam, coarse, found = incident.beam, incident.coarse, incident.scatter.dose
+    kerma = entrance_kerma_mgy(incident, mas)
     glandularity = coarse.glandularity_percent
     if found is not None and np.isfinite(found.core_glandularity_percent):
         glandularity = found.core_glandularity_percent
     factors = dose_factors(
         beam.hvl_mm_al,
-        arrival.paths.thickness_mm,
+        incident.paths.thickness_mm,
         float(np.nan_to_num(glandularity, nan=50.0)),
         beam.target,
         beam.filter,
@@ -320,9 +327,9 @@ def _breast(coarse: CoarsePaths, factors: DoseFactors) -> dict[str, float]:
     }
 
 
-def _scatter(arrival: Arrival) -> dict[str, float]:
+def _scatter(incident: DetectorInput) -> dict[str, float]:
     """Precision of the scatter, where the model knows it, and the core's glandularity."""
-    scatter = arrival.scatter
+    scatter = incident.scatter
     if scatter.photons == 0:
         return {}
     measures = {

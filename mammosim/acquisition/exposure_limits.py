@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from mammosim.acquisition.dose import dose_limit_mgy
 from mammosim.acquisition.exposure import MAX_CONTROLLED_MAS
 from mammosim.acquisition.mammogram import Mammogram
-from mammosim.acquisition.recording import Arrival
+from mammosim.acquisition.recording import DetectorInput
 from mammosim.geometry import MAGNIFIED
-from mammosim.plausibility import doubts
+from mammosim.plausibility import plausibility_warnings
 
 WHITE = 16383
 """Largest pixel value, of 14 bits."""
@@ -28,7 +28,7 @@ Essential Physics of Medical Imaging, chapter on mammography)."""
 
 def with_warnings(
     image: Mammogram,
-    arrival: Arrival,
+    incident: DetectorInput,
     wanted_mas: float,
     exposures: float = 1.0,
     further: Mapping[str, float] | None = None,
@@ -38,7 +38,7 @@ def with_warnings(
     Parameters
     ----------
     image : Mammogram
-    arrival : Arrival
+    incident : DetectorInput
         What it was recorded from.
     wanted_mas : float
         Tube load that was set or that exposure control asked for, all exposures together, mAs.
@@ -52,13 +52,13 @@ def with_warnings(
     Mammogram
     """
     quantities = {"tube_load_mas": image.mas * exposures, **(further or {})}
-    if arrival.coarse.inside.any():
+    if incident.coarse.inside.any():
         dose_mgy = image.measures.get("dose_of_all_projections_mgy", image.dose_mgy)
         quantities["dose_percent_of_limit"] = 100.0 * dose_mgy / dose_limit_mgy(image.thickness_mm)
-        quantities.update(_of_picture(image.for_processing, arrival))
-        if arrival.settings.scatter_model != "none":
-            quantities["scatter_to_primary_ratio"] = arrival.scatter_to_primary
-    found = [str(doubt) for doubt in doubts(quantities)]
+        quantities.update(_of_picture(image.for_processing, incident))
+        if incident.settings.scatter_model != "none":
+            quantities["scatter_to_primary_ratio"] = incident.scatter_to_primary
+    found = [str(warning) for warning in plausibility_warnings(quantities)]
     if wanted_mas > 1.001 * image.mas * exposures:
         found.insert(0, (
             f"exposure control asks for {wanted_mas:.4g} mAs and is limited to "
@@ -66,7 +66,7 @@ def with_warnings(
             f"{100.0 * MAX_CONTROLLED_MAS / wanted_mas:.3g} % of the intended signal"
         ))  # fmt: skip
     found += magnification_warnings(image.gantry.magnification, image.focal_spot_mm, image.grid)
-    breast = arrival.paths.breast
+    breast = incident.paths.breast
     view = f"{breast.view.folder}: " if breast is not None else ""
     return replace(image, notes=(*image.notes, *(f"{view}{text}" for text in found)))
 
@@ -84,13 +84,16 @@ def magnification_warnings(magnification: float, focal_spot_mm: float, grid: boo
     """
     if magnification < MAGNIFIED:
         return []
-    found = [str(doubt) for doubt in doubts({"magnified_focal_spot_mm": focal_spot_mm})]
+    found = [
+        str(warning)
+        for warning in plausibility_warnings({"magnified_focal_spot_mm": focal_spot_mm})
+    ]
     return [*found, _GRID_ON_A_STAND] if grid else found
 
 
-def _of_picture(counts: NDArray[np.uint16], arrival: Arrival) -> dict[str, float]:
+def _of_picture(counts: NDArray[np.uint16], incident: DetectorInput) -> dict[str, float]:
     """Pixels that are saturated, and that have the most frequent value, % of the breast's."""
-    inside, cell = arrival.coarse.inside, arrival.coarse.cell
+    inside, cell = incident.coarse.inside, incident.coarse.cell
     rows, columns = counts.shape
     histogram = np.zeros(WHITE + 1, np.int64)
     for first, cells in zip(range(0, rows, cell), inside, strict=True):

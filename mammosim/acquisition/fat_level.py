@@ -7,19 +7,19 @@ import numpy as np
 from mammosim.acquisition.attenuation import attenuation_per_mm
 from mammosim.acquisition.contrast_agent import materials_of
 from mammosim.acquisition.grid_parts import primary_part
-from mammosim.acquisition.recording import Arrival
+from mammosim.acquisition.recording import DetectorInput
 
 SKIN_MM = 2.9
 """Skin on both faces together; it is 1.45 mm thick on average (Huang et al. 2008, Med Phys
 35:1199)."""
 
 
-def fat_attenuation(arrival: Arrival) -> float:
+def fat_attenuation(incident: DetectorInput) -> float:
     """Attenuation of fat at full thickness under the beam and scatter of an image.
 
     Parameters
     ----------
-    arrival : Arrival
+    incident : DetectorInput
 
     Returns
     -------
@@ -32,16 +32,16 @@ def fat_attenuation(arrival: Arrival) -> float:
     The scatter-to-primary ratio of the whole breast is used; behind fat it is somewhat smaller,
     which raises the result by a few hundredths at most.
     """
-    settings, unit = arrival.settings, arrival.unit
+    settings, unit = incident.settings, incident.unit
     materials = materials_of(settings)
-    skin_mm = min(SKIN_MM, arrival.paths.thickness_mm)
+    skin_mm = min(SKIN_MM, incident.paths.thickness_mm)
     depth = attenuation_per_mm(materials["skin"], unit.energy_kev) * skin_mm
     depth += attenuation_per_mm(materials["adipose"], unit.energy_kev) * (
-        arrival.paths.thickness_mm - skin_mm
+        incident.paths.thickness_mm - skin_mm
     )
     weight = unit.energy_weight[0]
     primary = float(np.sum(weight * np.exp(-depth)) / np.sum(weight))
-    scatter = arrival.scatter_to_primary
+    scatter = incident.scatter_to_primary
     if settings.grid:
-        scatter *= arrival.scatter_part / primary_part(settings, unit)
+        scatter *= incident.scatter_part / primary_part(settings, unit)
     return -float(np.log(primary * (1.0 + scatter)))

@@ -21,7 +21,7 @@ EDGE_LEVEL = 0.4
 OPENING_MM = 1.5
 """Bridges between muscle and gland up to twice as wide are no muscle."""
 
-MOST_PART = 0.35
+MAX_PART = 0.35
 """Part of the breast above which it is no muscle: gland that runs into it, or fills the corner."""
 
 EDGE_MM = 2.0
@@ -65,7 +65,7 @@ def muscle_of(
     bright = smooth > fat + EDGE_LEVEL * (max(levels) - fat)
     parts, _ = ndimage.label(beyond_discs(bright, OPENING_MM / cell_mm) <= 0.0)
     muscle = np.isin(parts, np.setdiff1d(parts[corner], 0))
-    if muscle.sum() > MOST_PART * breast.sum():
+    if muscle.sum() > MAX_PART * breast.sum():
         return np.zeros(breast.shape, bool)
     grown: NDArray[np.bool_] = distance_to(muscle) <= EDGE_MM / cell_mm
     return grown & breast

@@ -36,7 +36,7 @@ ScatterModel = Callable[[ScatterCase], Scatter]
 
 
 @dataclass(frozen=True, eq=False)
-class Arrival:
+class DetectorInput:
     """What reaches the detector for one mAs, before it is recorded.
 
     Parameters
@@ -127,7 +127,7 @@ class Exposure:
     dense_noise: float
 
 
-def arrive(
+def detector_input(
     paths: PathLengths,
     settings: AcquisitionSettings,
     breast: CompressedBreast | None = None,
@@ -136,7 +136,7 @@ def arrive(
     dose_map: bool = False,
     keep_primary: bool = False,
     scatter_model: ScatterModel | None = None,
-) -> Arrival:
+) -> DetectorInput:
     """What reaches the detector: primary, blurred by focal spot and pixel, and scatter.
 
     Parameters
@@ -175,7 +175,9 @@ def arrive(
     ratio = _median_ratio(scatter.signal, case.primary, coarse)
     before = scatter.signal[coarse.inside].sum()
     part = float(behind[coarse.inside].sum() / before) if before > 0.0 else 1.0
-    return Arrival(paths, settings, beam, unit, coarse, signal, square, ratio, scatter, kept, part)
+    return DetectorInput(
+        paths, settings, beam, unit, coarse, signal, square, ratio, scatter, kept, part
+    )
 
 
 def scatter_case(
@@ -234,13 +236,13 @@ def _median_ratio(
 
 
 def record(
-    arrival: Arrival, mas: float, rng: np.random.Generator
+    incident: DetectorInput, mas: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.float32], Exposure]:
     """Let the detector record an exposure.
 
     Parameters
     ----------
-    arrival : Arrival
+    incident : DetectorInput
         Its images are overwritten.
     mas : float
         Tube load, mAs.
@@ -253,13 +255,13 @@ def record(
         Recorded energy, keV/pixel.
     exposure : Exposure
     """
-    dense = arrival.dense_signal * mas
-    noise = float(np.sqrt(arrival.mean_energy_kev * dense))
-    exposure = Exposure(mas, arrival.air_signal * mas, dense, noise)
-    signal, square = arrival.signal, arrival.square
+    dense = incident.dense_signal * mas
+    noise = float(np.sqrt(incident.mean_energy_kev * dense))
+    exposure = Exposure(mas, incident.air_signal * mas, dense, noise)
+    signal, square = incident.signal, incident.square
     signal *= np.float32(mas)
     square *= np.float32(mas)
-    detector = find_detector(arrival.settings.detector)
-    variance = square if arrival.settings.noise else None
-    detect(signal, variance, detector, arrival.paths.pixel_mm, rng)
+    detector = find_detector(incident.settings.detector)
+    variance = square if incident.settings.noise else None
+    detect(signal, variance, detector, incident.paths.pixel_mm, rng)
     return signal, exposure

@@ -38,7 +38,7 @@ MM2_PER_CM2 = 100.0
 MAX_FLUENCE = 1e12  # a bin, 1/(mm2 mAs) at 1 m: a million times what tubes emit
 MIN_FLUENCE = 1e-6  # in all, behind filter and air: 10 000 mAs would give no photon a pixel
 MAX_SPECTRUM_BYTES = 1_000_000  # of a file: two columns of some hundred lines
-MOST_ABOVE_KEV = 0.5  # half a wide bin: the highest bin's centre may lie this far above the voltage
+MAX_ABOVE_KEV = 0.5  # half a wide bin: the highest bin's centre may lie this far above the voltage
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +213,7 @@ def _voltage_of(
 ) -> float:
     """Tube voltage of a spectrum: the one given if no photon exceeds it, or the highest energy."""
     highest = float(energy_kev[fluence > 0.0].max())
-    if kvp is not None and highest > kvp + MOST_ABOVE_KEV:
+    if kvp is not None and highest > kvp + MAX_ABOVE_KEV:
         raise InputError(
             f"{path}: found photons of {highest:g} keV, which a tube at acquisition.kvp {kvp:g} "
             "cannot emit; leave kvp out or give that of the spectrum"

@@ -21,7 +21,7 @@ from mammosim.acquisition.expose import (
 from mammosim.acquisition.exposure_limits import with_warnings
 from mammosim.acquisition.keys import AcquisitionKeys
 from mammosim.acquisition.mammogram import Mammogram
-from mammosim.acquisition.recording import Arrival, arrive, record
+from mammosim.acquisition.recording import DetectorInput, detector_input, record
 from mammosim.acquisition.scatter_sweep import scatter_sweep
 from mammosim.acquisition.settings import AcquisitionSettings
 from mammosim.acquisition.signal import rays_of
@@ -155,28 +155,28 @@ def expose_arc(
     count, middle = len(arc), arc.middle
     paths = arc.paths(middle)
     watch(middle, paths)
-    sweep = scatter_sweep(arc.gantries, paths, arc.squeezed, settings, seed)
+    sweep = scatter_sweep(arc.gantries, paths, arc.compressed, settings, seed)
     wanted_mas = settings.mas
     if wanted_mas is None:
-        with_grid = arrive(paths, _with_grid(settings), scatter_model=sweep)
+        with_grid = detector_input(paths, _with_grid(settings), scatter_model=sweep)
         wanted_mas = with_grid.wanted_mas
         settings = settings.model_copy(update={"mas": with_grid.controlled_mas(wanted_mas)})
     parts = np.array(arc.settings.load_parts)
-    arrival = arrive(paths, settings, scatter_model=sweep, keep_primary=True)
-    total_mas = arrival.wanted_mas
+    incident = detector_input(paths, settings, scatter_model=sweep, keep_primary=True)
+    total_mas = incident.wanted_mas
     loads = total_mas * parts
-    pixel_mm2 = arrival.paths.pixel_mm**2
+    pixel_mm2 = incident.paths.pixel_mm**2
     # A turned tube is nearer to the detector's plane, and air brighter by the square of that.
     nearest = min(gantry.focal_spot_height_mm for gantry in arc.gantries)
     closer = (arc.gantries[middle].focal_spot_height_mm / nearest) ** 2
-    air_kev_mm2 = arrival.air_signal * loads.max() * closer / pixel_mm2
+    air_kev_mm2 = incident.air_signal * loads.max() * closer / pixel_mm2
     gain = counts_per_kev_mm2(air_kev_mm2, COUNTS_PER_KEV_MM2 / parts.max()) / pixel_mm2
 
     gantry = arc.gantries[middle]
     stack = np.empty((count, gantry.rows, gantry.columns), np.uint16)
-    known = {middle: _ProjectionFacts.of(arrival, loads[middle] * gain)}
-    signal, exposure = record(arrival, loads[middle], _noise_of(settings, seed, middle))
-    shown = mammogram_of(arrival, exposure, signal, gain)
+    known = {middle: _ProjectionFacts.of(incident, loads[middle] * gain)}
+    signal, exposure = record(incident, loads[middle], _noise_of(settings, seed, middle))
+    shown = mammogram_of(incident, exposure, signal, gain)
     factors = np.ones(count)
     if sweep is not None:
         factors = sweep.dose_factors([turned.tube_angle_deg for turned in arc.gantries])
@@ -186,15 +186,15 @@ def expose_arc(
     unknown = {}
     if sweep is None:
         unknown["unknown_dose_angle_deg"] = max(abs(one.tube_angle_deg) for one in arc.gantries)
-    shown = with_warnings(shown, arrival, wanted_mas, 1.0 / float(parts[middle]), unknown)
+    shown = with_warnings(shown, incident, wanted_mas, 1.0 / float(parts[middle]), unknown)
     stack[middle] = shown.for_processing
-    del arrival, signal, paths
+    del incident, signal, paths
     for index in (*range(middle), *range(middle + 1, count)):
         turned = arc.paths(index)
         watch(index, turned)
-        arrival = arrive(turned, settings, scatter_model=sweep)
-        known[index] = _ProjectionFacts.of(arrival, loads[index] * gain)
-        signal, _ = record(arrival, loads[index], _noise_of(settings, seed, index))
+        incident = detector_input(turned, settings, scatter_model=sweep)
+        known[index] = _ProjectionFacts.of(incident, loads[index] * gain)
+        signal, _ = record(incident, loads[index], _noise_of(settings, seed, index))
         stack[index] = to_counts(signal, gain)
     in_order = [known[index] for index in range(count)]
     return Tomosynthesis(
@@ -215,13 +215,13 @@ class _ProjectionFacts(NamedTuple):
     scatter_to_primary: float
 
     @classmethod
-    def of(cls, arrival: Arrival, counts_mas_per_kev: float) -> _ProjectionFacts:
-        profile = arrival.air_signal * arrival.unit.air_profile
+    def of(cls, incident: DetectorInput, counts_mas_per_kev: float) -> _ProjectionFacts:
+        profile = incident.air_signal * incident.unit.air_profile
         return cls(
             counts_mas_per_kev * profile,
-            arrival.unit.weights.mean_depth,
-            _shadow_of(arrival.coarse, arrival.paths.gantry),
-            arrival.scatter_to_primary,
+            incident.unit.weights.mean_depth,
+            _shadow_of(incident.coarse, incident.paths.gantry),
+            incident.scatter_to_primary,
         )
 
 

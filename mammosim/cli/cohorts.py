@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
     from mammosim.cohort import CohortStatus, Progress
 
-SECONDS_A_LINE = 10.0
+SECONDS_PER_LINE = 10.0
 """Between two lines of progress where there is no terminal."""
 
-MOST_REASONS = 20
+MAX_REASONS = 20
 """Failures that are printed; `failures.csv` has all."""
 
 cohort = typer.Typer(help="Many virtual patients from one file.", no_args_is_help=True)
@@ -68,8 +68,10 @@ def run(
         described = load_cohort(description, change or ())
         folder = output or Path("runs") / described.title
         check_output(folder, resume, overwrite=False)
-        with signals_interrupt(), _progress() as tell:
-            done = run_cohort(described, folder, scheduler=scheduler, workers=workers, tell=tell)
+        with signals_interrupt(), _progress() as on_progress:
+            done = run_cohort(
+                described, folder, scheduler=scheduler, workers=workers, on_progress=on_progress
+            )
         say(done.sentence(datetime.now()))
         say(f"results in {folder}; open {folder / 'summary.html'}")
         print_warnings(_warned(cohort_status(folder)))
@@ -96,7 +98,7 @@ def status(
                 f"{progress.done} of {progress.patients} done, {progress.failed} failed, "
                 f"{rest} not started" + ("; --resume continues" if rest or progress.failed else "")
             )
-        for index, reason in list(found.failures.items())[:MOST_REASONS]:
+        for index, reason in list(found.failures.items())[:MAX_REASONS]:
             say(f"patient {index}: {reason}")
         print_warnings(_warned(found))
 
@@ -117,13 +119,13 @@ def _progress() -> Iterator[Callable[[Progress], None]]:
         with err.status("starting workers") as line:
             yield lambda progress: line.update(progress.sentence(datetime.now()))
         return
-    last = monotonic() - SECONDS_A_LINE
+    last = monotonic() - SECONDS_PER_LINE
     said: tuple[int, ...] = ()
 
     def log(progress: Progress) -> None:
         nonlocal last, said
         counts = (progress.done, progress.failed, progress.running, progress.workers)
-        if counts != said and monotonic() - last >= SECONDS_A_LINE:
+        if counts != said and monotonic() - last >= SECONDS_PER_LINE:
             last, said = monotonic(), counts
             say_progress(progress.sentence(datetime.now()))
 

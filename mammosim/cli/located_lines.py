@@ -27,9 +27,11 @@ def _point(located: LocatedInRun, found: Located) -> list[str]:
         f"{clock_position(found.point_mm, located.nipple_mm)}, "
         f"{np.linalg.norm(found.point_mm - located.nipple_mm):.1f} mm from the nipple",
     ]
-    for sight, height, misfit in zip(located.sights, found.height_mm, found.misfit_mm, strict=True):
-        line = f"{sight.what}: {height:.2f} mm above the breast support"
-        if len(located.sights) > 1:
+    for image_point, height, misfit in zip(
+        located.image_points, found.height_mm, found.misfit_mm, strict=True
+    ):
+        line = f"{image_point.what}: {height:.2f} mm above the breast support"
+        if len(located.image_points) > 1:
             line += f"; the point's image is {misfit:.2f} mm from the pixel"
         lines.append(line)
     if max(found.misfit_mm) > SAME_LESION_MM:

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
     from mammosim.pipeline import Plan
 
-SECONDS_A_LINE = 30.0
+SECONDS_PER_LINE = 30.0
 """Between two lines of a stage's progress where there is no terminal."""
 
-SECONDS_AN_EVENT = 0.1
+SECONDS_PER_EVENT = 0.1
 """Between two rows of a solver's history that are reported to another program."""
 
 COMPILING = "compiling, once per machine, about a minute"
@@ -51,7 +51,7 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
         def line() -> str:
             return f"{where} ({run.sentence(datetime.now())})"
 
-        def tell(view: str, stage: str, row: Any) -> None:
+        def on_progress(view: str, stage: str, row: Any) -> None:
             nonlocal where, began, explained
             where = stage_in_words(view, stage)
             if row is None:
@@ -62,7 +62,7 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
                 numbers = f", {row_text(row, monotonic() - began)}" if verbose else ""
                 show(line() + numbers)
 
-        def tell_compiling(kernel: str | None) -> None:
+        def on_compiling(kernel: str | None) -> None:
             nonlocal explained
             if kernel is not None:
                 named = f": {kernel}" if verbose else ""
@@ -71,8 +71,8 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
             elif err.is_terminal:
                 show(line())
 
-        with watch_compiling(tell_compiling):
-            yield tell
+        with watch_compiling(on_compiling):
+            yield on_progress
 
 
 @contextmanager
@@ -85,11 +85,11 @@ def event_lines(plan: Plan) -> Iterator[Any]:
 
     run, last = RunProgress(plan), 0.0
 
-    def tell(view: str, stage: str, row: Any) -> None:
+    def on_progress(view: str, stage: str, row: Any) -> None:
         nonlocal last
         if row is None:
             run.report(view, stage)
-        elif monotonic() - last < SECONDS_AN_EVENT:
+        elif monotonic() - last < SECONDS_PER_EVENT:
             return
         else:
             last = monotonic()
@@ -99,7 +99,7 @@ def event_lines(plan: Plan) -> Iterator[Any]:
         sys.stdout.write(json.dumps(event) + "\n")
         sys.stdout.flush()
 
-    yield tell
+    yield on_progress
 
 
 def _numbers(row: Any) -> dict[str, float]:
@@ -126,7 +126,7 @@ def _line_now_and_then() -> Callable[..., None]:
 
     def show(text: str, at_once: bool = False) -> None:
         nonlocal last_line
-        if at_once or monotonic() - last_line > SECONDS_A_LINE:
+        if at_once or monotonic() - last_line > SECONDS_PER_LINE:
             last_line = monotonic()
             say_progress(text)
 

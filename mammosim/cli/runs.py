@@ -146,8 +146,8 @@ def run(
         with signals_interrupt(), writing(folder):
             saved = RunFolder(folder, settings, title, reuse or ())
             shown = event_lines(plan) if events else progress(plan, verbose)
-            with shown as tell, rehearsing(settings, plan):
-                study = simulate(settings, saved, tell)
+            with shown as on_progress, rehearsing(settings, plan):
+                study = simulate(settings, saved, on_progress)
         _print_summary(study, folder)
         print_warnings(note for note in study.notes if note not in plan.warnings)
         _warn_of_kernel_cache()
@@ -183,8 +183,8 @@ def _print_summary(study: Study, folder: Path) -> None:
             taken = view.series or view.mammogram  # load and dose of all projections together
             count = f"{counted(len(view.series.gantries), 'projection')}, " if view.series else ""
             say(
-                f"{name}: {count}{view.squeezed.thickness_mm:.1f} mm, "
-                f"{view.squeezed.force_n:.1f} N, "
+                f"{name}: {count}{view.compressed.thickness_mm:.1f} mm, "
+                f"{view.compressed.force_n:.1f} N, "
                 f"{view.mammogram.kvp:g} kV {view.mammogram.target}/{view.mammogram.filter}, "
                 f"{taken.mas:.0f} mAs, {taken.dose_mgy:.2f} mGy"
             )

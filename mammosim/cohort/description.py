@@ -22,7 +22,7 @@ from mammosim.cohort.distributions import (
     stream,
 )
 from mammosim.cohort.distributions import Path as KeyPath
-from mammosim.cohort.settings import MOST_PATIENTS, CohortSettings
+from mammosim.cohort.settings import MAX_PATIENTS, CohortSettings
 from mammosim.config import (
     folder_name,
     open_file,
@@ -192,7 +192,7 @@ def _csv_rows(path: Path) -> tuple[list[str], list[dict[str, str]]]:
     try:
         with TextIOWrapper(open_file(path), "utf-8-sig", newline="") as stream:
             filled = (line for line in csv.reader(stream, strict=True) if line)
-            lines = list(islice(filled, MOST_PATIENTS + 2))
+            lines = list(islice(filled, MAX_PATIENTS + 2))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (UnicodeDecodeError, csv.Error) as error:
@@ -207,8 +207,8 @@ def _csv_rows(path: Path) -> tuple[list[str], list[dict[str, str]]]:
             raise InputError(
                 f"{path}, line {number}: found {len(line)} cells, expected {len(header)}"
             )
-    if len(lines) - 1 > MOST_PATIENTS:
-        raise InputError(f"{path}: found more than {MOST_PATIENTS} lines, one per patient")
+    if len(lines) - 1 > MAX_PATIENTS:
+        raise InputError(f"{path}: found more than {MAX_PATIENTS} lines, one per patient")
     return header, [dict(zip(header, line, strict=True)) for line in lines[1:]]
 
 

@@ -31,7 +31,7 @@ from mammosim.errors import InputError, Interrupted
 from mammosim.export import write_json
 from mammosim.pipeline import writing
 
-Tell = Callable[[Progress], None]
+OnProgress = Callable[[Progress], None]
 
 POLL_S = 0.5
 """Between two looks at what has been finished, s."""
@@ -40,7 +40,7 @@ MEND_S = 10.0
 """Between two looks for local workers that are gone, s."""
 
 FETCH_S = 10.0
-"""For an outcome that is there to arrive, s; its worker may be gone by then."""
+"""For an outcome that is there to detector_input, s; its worker may be gone by then."""
 
 DASK_TRIES = 4
 """Workers that a patient may kill before Dask gives it up: its `allowed-failures` and one more."""
@@ -55,7 +55,7 @@ def run_cohort(
     *,
     scheduler: str | None = None,
     workers: int | None = None,
-    tell: Tell | None = None,
+    on_progress: OnProgress | None = None,
 ) -> Progress:
     """Make all patients of a cohort that are not there yet, and the tables of all.
 
@@ -69,7 +69,7 @@ def run_cohort(
         Address of a Dask scheduler; left out: workers are started on this machine.
     workers : int, optional
         Number of local workers; left out: one a processor, as far as memory goes.
-    tell : callable, optional
+    on_progress : callable, optional
         Told of progress.
 
     Returns
@@ -92,9 +92,13 @@ def run_cohort(
             "cohort_of": {**cohort.values, "seed": cohort.seed,
                           "cohort": cohort.settings.model_dump(mode="json", exclude_none=True)},
         })  # fmt: skip
-        tell = tell or (lambda progress: None)
-        with _client(cohort, scheduler, workers, largest_gb, tell) as (client, threads, memory_gb):
-            work = _Work(cohort, path, client, threads, memory_gb, tell)
+        on_progress = on_progress or (lambda progress: None)
+        with _client(cohort, scheduler, workers, largest_gb, on_progress) as (
+            client,
+            threads,
+            memory_gb,
+        ):
+            work = _Work(cohort, path, client, threads, memory_gb, on_progress)
             outcomes = work.through()
         _write_results(cohort, path, outcomes)
         write_json(path / PROGRESS, asdict(work.progress))
@@ -111,12 +115,16 @@ def _largest_gb(cohort: Cohort) -> float:
 
 @contextmanager
 def _client(
-    cohort: Cohort, scheduler: str | None, workers: int | None, largest_gb: float, tell: Tell
+    cohort: Cohort,
+    scheduler: str | None,
+    workers: int | None,
+    largest_gb: float,
+    on_progress: OnProgress,
 ) -> Iterator[tuple[Client, int, float]]:
     """A client, and the threads and memory (GB) of each of its workers."""
     if scheduler is not None:
         with remote_client(scheduler) as client:
-            tell(Progress(cohort.patients))
+            on_progress(Progress(cohort.patients))
             wait_for_worker(client)  # before one is there, nobody knows what it has
             yield (client, *shares(client))
         return
@@ -130,10 +138,15 @@ class _Work:
 
     def __init__(
         self, cohort: Cohort, folder: Path, client: Client, threads: int, memory_gb: float,
-        tell: Tell,
+        on_progress: OnProgress,
     ) -> None:  # fmt: skip
         self.progress = Progress(cohort.patients)
-        self._cohort, self._folder, self._client, self._tell = cohort, folder, client, tell
+        self._cohort, self._folder, self._client, self._on_progress = (
+            cohort,
+            folder,
+            client,
+            on_progress,
+        )
         self._share = (threads, memory_gb)
         self._waiting = iter(range(cohort.patients))
         self._again: list[int] = []
@@ -249,7 +262,7 @@ class _Work:
     def _say(self, last: bool = False) -> None:
         now = time.monotonic()
         self.progress = replace(self.progress, seconds=now - self._start)
-        self._tell(self.progress)
+        self._on_progress(self.progress)
         if now - self._noted > NOTE_S and not last:
             self._noted = now
             write_json(self._folder / PROGRESS, asdict(self.progress))

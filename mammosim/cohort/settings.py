@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from mammosim.config import Settings
 
-MOST_PATIENTS = 1_000_000
+MAX_PATIENTS = 1_000_000
 """Patients have six digits."""
 
 
@@ -45,7 +45,7 @@ class DatasetSettings(Settings):
 class CohortSettings(Settings):
     """The patients of a cohort."""
 
-    patients: int | None = Field(default=None, ge=1, le=MOST_PATIENTS)
+    patients: int | None = Field(default=None, ge=1, le=MAX_PATIENTS)
     """Number of patients; default: the number of lines of `patients_file`."""
 
     patients_file: str | None = None

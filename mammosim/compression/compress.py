@@ -75,17 +75,17 @@ def compress(
     held = as_held(breast, view.rotation[1])
     model = MODELS[settings.model]
     try:
-        squeezed = compress_unloaded(held, view, settings, seed, watch)
+        compressed = compress_unloaded(held, view, settings, seed, watch)
     except KeyboardInterrupt:  # where no solver has a state to keep
         raise Interrupted(f"{view.folder}: compression was interrupted", None) from None
     before = held_before(breast, view, model.compresses)
-    squeezed = replace(squeezed, notes=(*squeezed.notes, *before))
-    if squeezed.interrupted:
-        raise Interrupted(f"{view.folder}: compression was interrupted", squeezed)
-    if not squeezed.converged:
-        reason = model.where_it_stopped(squeezed, settings)
-        raise NotConverged(f"{view.folder}: {reason}", squeezed)
-    return believed(squeezed, settings)
+    compressed = replace(compressed, notes=(*compressed.notes, *before))
+    if compressed.interrupted:
+        raise Interrupted(f"{view.folder}: compression was interrupted", compressed)
+    if not compressed.converged:
+        reason = model.where_it_stopped(compressed, settings)
+        raise NotConverged(f"{view.folder}: {reason}", compressed)
+    return believed(compressed, settings)
 
 
 def view_of_compressed(breast: BreastPhantom, view: View) -> View:

@@ -9,11 +9,11 @@ from mammosim.compression.lattice import breast_volume_ml
 from mammosim.compression.model import MODELS
 from mammosim.compression.settings import CompressionSettings
 from mammosim.errors import NotConverged
-from mammosim.plausibility import LOW_FORCE_N, doubts
+from mammosim.plausibility import LOW_FORCE_N, plausibility_warnings
 
 
 def believed(compressed: CompressedBreast, settings: CompressionSettings) -> CompressedBreast:
-    """A converged compression with its doubts among its notes.
+    """A converged compression with its plausibility_warnings among its notes.
 
     Parameters
     ----------
@@ -36,11 +36,11 @@ def believed(compressed: CompressedBreast, settings: CompressionSettings) -> Com
         "compressed_thickness_mm": compressed.thickness_mm,
         **model.quantities(compressed, settings),
     }
-    found = doubts(quantities)
+    found = plausibility_warnings(quantities)
     folder = compressed.view.folder
-    noted = tuple(f"{folder}: {doubt}" for doubt in found)
+    noted = tuple(f"{folder}: {warning}" for warning in found)
     compressed = replace(compressed, notes=(*compressed.notes, *noted))
-    refused = [str(doubt) for doubt in found if doubt.severity == "error"]
+    refused = [str(warning) for warning in found if warning.severity == "error"]
     if refused:
         reason = "; ".join(refused)
         raise NotConverged(

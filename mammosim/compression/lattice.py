@@ -18,7 +18,7 @@ from mammosim.tissues import Moduli
 SMALLEST_PART = 0.5
 """A node is tissue where at least this part of its block is."""
 
-MOST_SAMPLES = 10
+MAX_SAMPLES = 10
 """Points along each axis at which a block is sampled; a 1 mm block of 0.1 mm voxels has 10."""
 
 MUSCLE_REACH_MM = 12.0
@@ -65,14 +65,14 @@ class Lattice:
 
 
 @dataclass(frozen=True)
-class Reach:
+class PosteriorLimits:
     """Breast-frame x of the chest wall's and the muscle's faces, mm."""
 
     chest_wall_mm: float
     muscle_mm: float
 
 
-def tissue_front(breast: BreastPhantom) -> Reach:
+def posterior_limits(breast: BreastPhantom) -> PosteriorLimits:
     """Where the chest wall is (outer face of the first tissue layer) and how far muscle reaches."""
     layers = np.zeros(breast.labels.shape[0], np.int64)
     tissue_reach(breast.labels, np.arange(256) > 0, layers)
@@ -84,7 +84,7 @@ def tissue_front(breast: BreastPhantom) -> Reach:
     tissue_reach(breast.labels, _table(breast, "muscle"), layers)
     some = np.flatnonzero(layers)
     muscle = face + (some[-1] + 1) * breast.voxel_mm[0] if some.size else chest_wall
-    return Reach(float(chest_wall), float(muscle))
+    return PosteriorLimits(float(chest_wall), float(muscle))
 
 
 def build_lattice(
@@ -148,7 +148,7 @@ def gather_tissue(
     """
     fraction, mean, muscle = (np.zeros(frame.shape, np.float32) for _ in range(3))
     fineness = float(frame.spacing_mm[0]) / breast.voxel_mm.min()
-    samples = int(np.clip(np.ceil(fineness - 1e-6), 2, MOST_SAMPLES))
+    samples = int(np.clip(np.ceil(fineness - 1e-6), 2, MAX_SAMPLES))
     values = np.zeros(256, np.float32)
     for label, name in breast.tissue_of_label.items():
         if name != "air":

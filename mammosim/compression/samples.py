@@ -94,7 +94,7 @@ class Sampler:
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
         The compression that is varied, its plates where they were found to be; or a breast without
         plates in a posture.
     settings : CompressionSettings
@@ -116,15 +116,15 @@ class Sampler:
     place of the plates in as few steps on the finest one (docs/explanation/biopsy-shift.md).
     """
 
-    def __init__(self, squeezed: CompressedBreast, settings: CompressionSettings) -> None:
-        self._breast, self._view = squeezed.phantom, squeezed.view
-        self._posture = squeezed.posture
-        self._model = settings.model if self._posture else squeezed.model
-        self._middle_mm = 0.5 * (squeezed.support_z_mm + squeezed.paddle_z_mm)
-        self._thickness_mm, self._edge_mm = squeezed.thickness_mm, squeezed.plate_edge_mm
-        self._settings = in_millimetres(settings, squeezed.phantom, squeezed.view)
+    def __init__(self, compressed: CompressedBreast, settings: CompressionSettings) -> None:
+        self._breast, self._view = compressed.phantom, compressed.view
+        self._posture = compressed.posture
+        self._model = settings.model if self._posture else compressed.model
+        self._middle_mm = 0.5 * (compressed.support_z_mm + compressed.paddle_z_mm)
+        self._thickness_mm, self._edge_mm = compressed.thickness_mm, compressed.plate_edge_mm
+        self._settings = in_millimetres(settings, compressed.phantom, compressed.view)
         tied = (FASCIA,) if settings.wall == FASCIA else ()
-        self.groups = (*_groups(squeezed.phantom), *tied)
+        self.groups = (*_groups(compressed.phantom), *tied)
         self.has_fibres = FIBRES in MODELS[self._model].own_keys
 
     @one_blas_thread

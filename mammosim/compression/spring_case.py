@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression.lattice import Lattice, Reach, build_lattice, tissue_mean
+from mammosim.compression.lattice import Lattice, PosteriorLimits, build_lattice, tissue_mean
 from mammosim.compression.plates import Plates
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.springs import SpringProblem
@@ -78,7 +78,7 @@ def make_case(
     breast: BreastPhantom,
     view: View,
     settings: CompressionSettings,
-    reach: Reach,
+    reach: PosteriorLimits,
     muscle_fixed: bool,
     lattice_shift: tuple[float, float] = (0.0, 0.0),
 ) -> SpringCase:
@@ -102,7 +102,7 @@ def make_case(
     return SpringCase(lattice, fixed, chest, growth, force)
 
 
-def _chest_layer(lattice: Lattice, reach: Reach) -> int:
+def _chest_layer(lattice: Lattice, reach: PosteriorLimits) -> int:
     """Foremost layer of nodes at or behind the chest wall, at least the first of tissue."""
     frame = lattice.frame
     chest = int(np.floor((reach.chest_wall_mm - frame.origin_mm[0]) / frame.spacing_mm[0] + 1e-6))

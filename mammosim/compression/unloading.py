@@ -26,7 +26,7 @@ MEAN_MM, LARGEST_MM = 0.05, 0.5
 largest over the nodes of the elements. The voxels of the unloaded breast are a copy, whose rounding
 moves single nodes near the surface by some tenths of a millimetre."""
 
-MOST_PASSES = 15
+MAX_PASSES = 15
 """Each takes one solution under weight; 4 to 6 are usual."""
 
 EXPERIMENTAL_SHAPE = (
@@ -115,7 +115,7 @@ def unload(
     here, modulus = hanging.field, hanging.mesh.elements.modulus
     places = _nodes(here)
     moved, step, before = -_moved(here), 1.0, np.inf
-    for _ in range(MOST_PASSES):
+    for _ in range(MAX_PASSES):
         field = _field_like(here, moved)
         shape = _carried(breast, view, field, settings.resolution_mm)
         hanging = hang(shape, view, settings, posture, watch, lattice_shift)
@@ -129,7 +129,7 @@ def unload(
         moved = moved - step * missed
     raise NotConverged(
         f"phantom.shaped_under: found no shape without weight from which the breast, {posture}, "
-        f"comes back to that of its voxels: after {MOST_PASSES} passes it is "
+        f"comes back to that of its voxels: after {MAX_PASSES} passes it is "
         f"{distance.mean():.2g} mm from it on average and {distance.max():.2g} mm at most (allowed "
         f"{MEAN_MM:g} and {LARGEST_MM:g} mm)",
         hanging_breast(breast, hanging, _field_like(here, missed), posture, converged=False),

@@ -3,7 +3,7 @@
 A function with settings of a kind takes an object of it, or its keys as keywords::
 
     @documents_keys(ProjectionSettings, ProjectionKeys)
-    def project(squeezed, settings: ProjectionSettings | None = None,
+    def project(compressed, settings: ProjectionSettings | None = None,
                 **keys: Unpack[ProjectionKeys]) -> PathLengths:
         settings = given_settings(ProjectionSettings, settings, keys, "project")
 

@@ -43,14 +43,15 @@ def table_of_phantom(breast: BreastPhantom) -> LabelTable:
     return LabelTable(breast.laterality, dict(breast.tissue_of_label), _lesions(breast))
 
 
-def table_of_compressed(squeezed: CompressedBreast) -> LabelTable:
+def table_of_compressed(compressed: CompressedBreast) -> LabelTable:
     """What the values of a compressed breast's voxels stand for, and how it is held."""
-    breast, view = squeezed.phantom, squeezed.view
-    side, points_mm = compressed_end(squeezed, squeezed.plate_edge_mm)
+    breast, view = compressed.phantom, compressed.view
+    side, points_mm = compressed_end(compressed, compressed.plate_edge_mm)
     corners = _corners(view.compression_from_breast(points_mm))
     return LabelTable(
         view.laterality, dict(breast.tissue_of_label), _lesions(breast), view.name,
-        view.mlo_angle_deg, squeezed.support_z_mm, squeezed.paddle_z_mm, squeezed.plate_edge_mm,
+        view.mlo_angle_deg, compressed.support_z_mm, compressed.paddle_z_mm,
+        compressed.plate_edge_mm,
         end_side=side, end_points_mm=corners,
     )  # fmt: skip
 

@@ -24,12 +24,12 @@ the time of day."""
 HEADER = b"MATLAB 5.0 MAT-file, written by mammosim"
 
 
-def write_matlab(squeezed: CompressedBreast, path: str | PathLike[str]) -> None:
+def write_matlab(compressed: CompressedBreast, path: str | PathLike[str]) -> None:
     """Write the lattice of a compressed breast for MATLAB.
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     path : path
         Ends in ``.mat``.
 
@@ -56,45 +56,45 @@ def write_matlab(squeezed: CompressedBreast, path: str | PathLike[str]) -> None:
     Places of nodes in air are a smooth continuation without meaning. Along x the first layer (1
     in MATLAB) is air behind the chest wall.
     """
-    frame = squeezed.field.frame
+    frame = compressed.field.frame
     at_rest = [
         origin + spacing * np.arange(count)
         for origin, spacing, count in zip(
             frame.origin_mm, frame.spacing_mm, frame.shape, strict=True
         )
     ]
-    moved = squeezed.field.displacement_mm
+    moved = compressed.field.displacement_mm
     places = [
         (rest.reshape([-1 if other == axis else 1 for other in range(3)]) + moved[..., axis])
         for axis, rest in enumerate(at_rest)
     ]
-    summary = compression_summary(squeezed)
+    summary = compression_summary(compressed)
     variables = {
         **{name: place.astype(np.float32) for name, place in zip("xyz", places, strict=True)},
         **{f"{name}0": rest for name, rest in zip("xyz", at_rest, strict=True)},
-        "tissue": squeezed.field.tissue,
-        "label": _node_labels(squeezed),
+        "tissue": compressed.field.tissue,
+        "label": _node_labels(compressed),
         "tissue_of_label": {
-            f"label_{label}": name for label, name in squeezed.phantom.tissue_of_label.items()
+            f"label_{label}": name for label, name in compressed.phantom.tissue_of_label.items()
         },
         "parameters": {key: value for key, value in summary.items() if key != "notes"},
         "convergence": {
-            name: np.ascontiguousarray(squeezed.history[name])
-            for name in squeezed.history.dtype.names or ()
+            name: np.ascontiguousarray(compressed.history[name])
+            for name in compressed.history.dtype.names or ()
         },
     }
-    if squeezed.modulus_kpa is not None:
-        variables["modulus_kpa"] = squeezed.modulus_kpa
+    if compressed.modulus_kpa is not None:
+        variables["modulus_kpa"] = compressed.modulus_kpa
     with whole_file(path) as part:
         savemat(part, variables, do_compression=True, long_field_names=True, oned_as="column")
         _without_time(part)
 
 
-def _node_labels(squeezed: CompressedBreast) -> NDArray[np.uint8]:
+def _node_labels(compressed: CompressedBreast) -> NDArray[np.uint8]:
     """Label of the phantom's voxel at each tissue node, 0 elsewhere."""
-    field, phantom = squeezed.field, squeezed.phantom
+    field, phantom = compressed.field, compressed.phantom
     nodes = np.argwhere(field.tissue)
-    points = squeezed.view.breast_from_compression(field.frame.position_mm(nodes))
+    points = compressed.view.breast_from_compression(field.frame.position_mm(nodes))
     voxels = np.rint(phantom.frame.index(points)).astype(np.intp)
     voxels = np.clip(voxels, 0, np.array(phantom.labels.shape) - 1)
     labels = np.zeros(field.tissue.shape, np.uint8)

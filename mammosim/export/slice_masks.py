@@ -49,13 +49,13 @@ class SliceMask:
 
 
 def slice_masks(
-    squeezed: CompressedBreast, volume: Reconstruction, targets: Sequence[Target]
+    compressed: CompressedBreast, volume: Reconstruction, targets: Sequence[Target]
 ) -> list[SliceMask]:
     """The voxels of each lesion, by rising target id.
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     volume : Reconstruction
     targets : sequence of Target
         Of this view, with their places in the volume.
@@ -66,17 +66,17 @@ def slice_masks(
     say what is there.
     """
     waiting: dict[str, list[int]] = {}
-    for lesion in sorted(squeezed.phantom.lesions, key=lambda lesion: lesion.label):
+    for lesion in sorted(compressed.phantom.lesions, key=lambda lesion: lesion.label):
         waiting.setdefault(lesion.name, []).append(lesion.label)
     found = []
     for target in sorted(targets, key=lambda target: target.target_id):
         if target.is_lesion and waiting.get(target.name):
-            found.append(_mask_of(target, waiting[target.name].pop(0), squeezed, volume))
+            found.append(_mask_of(target, waiting[target.name].pop(0), compressed, volume))
     return found
 
 
 def _mask_of(
-    target: Target, label: int, squeezed: CompressedBreast, volume: Reconstruction
+    target: Target, label: int, compressed: CompressedBreast, volume: Reconstruction
 ) -> SliceMask:
     grid = volume.grid
     extent_mm = target.extent_mm if math.isfinite(target.extent_mm) else 0.0
@@ -96,15 +96,15 @@ def _mask_of(
             axis=-1,
         )
         there = volume.gantry.breast_from_gantry(grid.gantry_from_voxel(voxels))
-        plane[:] = (_labels_at(squeezed, there) == label).reshape(plane.shape)
+        plane[:] = (_labels_at(compressed, there) == label).reshape(plane.shape)
     return SliceMask(target, first, mask)
 
 
-def _labels_at(squeezed: CompressedBreast, points_mm: NDArray[np.float64]) -> NDArray[np.uint8]:
+def _labels_at(compressed: CompressedBreast, points_mm: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Labels of the uncompressed voxels that compressed points (n, 3) came from; 0 for none."""
-    phantom = squeezed.phantom
+    phantom = compressed.phantom
     found = np.zeros(len(points_mm), np.uint8)
-    before = squeezed.original_point(points_mm)
+    before = compressed.original_point(points_mm)
     known = np.isfinite(before).all(axis=1)
     index = np.rint(phantom.frame.index(before[known])).astype(int)
     inside = np.all((index >= 0) & (index < phantom.labels.shape), axis=1)

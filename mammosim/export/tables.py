@@ -98,17 +98,17 @@ def write_convergence(history: NDArray[np.void], path: str | PathLike[str]) -> N
     write_text(path, _csv(header, rows))
 
 
-def write_compression(squeezed: CompressedBreast, path: str | PathLike[str]) -> None:
+def write_compression(compressed: CompressedBreast, path: str | PathLike[str]) -> None:
     """Write the scalars of a compression: plates, thickness, and the result's own measures."""
-    write_json(path, compression_summary(squeezed))
+    write_json(path, compression_summary(compressed))
 
 
-def compression_summary(squeezed: CompressedBreast) -> dict[str, Any]:
+def compression_summary(compressed: CompressedBreast) -> dict[str, Any]:
     """What `compression.json` holds, as plain values.
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
 
     Returns
     -------
@@ -118,18 +118,18 @@ def compression_summary(squeezed: CompressedBreast) -> dict[str, Any]:
         unit in its name, and the notes.
     """
     return {
-        "view": squeezed.view.label,
-        "laterality": squeezed.view.laterality,
-        "angle_deg": squeezed.view.angle_deg,
-        "model": squeezed.model,
-        "converged": squeezed.converged,
-        "thickness_mm": squeezed.thickness_mm,
-        "support_z_mm": squeezed.support_z_mm,
-        "paddle_z_mm": squeezed.paddle_z_mm,
-        "plate_edge_mm": squeezed.plate_edge_mm,
-        "nipple_mm": squeezed.phantom.nipple_mm,
-        **squeezed.measures,
-        "notes": list(squeezed.notes),
+        "view": compressed.view.label,
+        "laterality": compressed.view.laterality,
+        "angle_deg": compressed.view.angle_deg,
+        "model": compressed.model,
+        "converged": compressed.converged,
+        "thickness_mm": compressed.thickness_mm,
+        "support_z_mm": compressed.support_z_mm,
+        "paddle_z_mm": compressed.paddle_z_mm,
+        "plate_edge_mm": compressed.plate_edge_mm,
+        "nipple_mm": compressed.phantom.nipple_mm,
+        **compressed.measures,
+        "notes": list(compressed.notes),
     }
 
 

@@ -32,7 +32,7 @@ PADDLE_MM = 1.0
 
 
 def write_victre(
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     labels: NDArray[np.uint8],
     frame: VoxelFrame,
     folder: str | PathLike[str],
@@ -42,7 +42,7 @@ def write_victre(
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     labels : ndarray of uint8, [x, y, z]
         Labels of the compressed breast, axes of the compression frame.
     frame : VoxelFrame
@@ -72,18 +72,18 @@ def write_victre(
     part become ligament or fat as a whole, as many as keep the septa's volume.
     """
     folder = Path(folder) / str(seed)
-    whole, grid = _between_plates(squeezed, labels, frame)
-    places = _lesion_places_mm(squeezed)
+    whole, grid = _between_plates(compressed, labels, frame)
+    places = _lesion_places_mm(compressed)
     write_metaimage(whole, grid, folder / f"pc_{seed}.mhd")
-    part, corner = _cropped(squeezed, whole, grid)
-    inserted = _inserted(squeezed, places, corner)
+    part, corner = _cropped(compressed, whole, grid)
+    inserted = _inserted(compressed, places, corner)
     name = f"pcl_{seed}" if inserted else f"pc_{seed}_crop"
     write_metaimage(part, corner, folder / f"{name}.mhd")
     if inserted:
         write_text(folder / f"{name}.loc", inserted)
     # Lesions have their tissue's label here, and both volumes lie along the compression frame.
     table = replace(
-        table_of_compressed(squeezed), lesions={}, in_patient_axes=False,
+        table_of_compressed(compressed), lesions={}, in_patient_axes=False,
         tissue_of_value={PADDLE_LABEL: "air"} | {t.label: t.name for t in TISSUES.values()},
     )  # fmt: skip
     write_label_files(table, (f"pc_{seed}.mhd", f"{name}.mhd"), folder, colours=False)
@@ -93,16 +93,16 @@ def write_victre(
 
 
 def _between_plates(
-    squeezed: CompressedBreast, labels: NDArray[np.uint8], frame: VoxelFrame
+    compressed: CompressedBreast, labels: NDArray[np.uint8], frame: VoxelFrame
 ) -> tuple[NDArray[np.uint8], VoxelFrame]:
     """The breast in VICTRE's labels on a grid that holds both plates, with the plates."""
     tissue_label = np.zeros(256, np.uint8)
-    for label, tissue in squeezed.phantom.tissue_of_label.items():
+    for label, tissue in compressed.phantom.tissue_of_label.items():
         tissue_label[label] = TISSUES[tissue].label
     step = frame.spacing_mm[2]
     faces = frame.origin_mm[2] + step * (np.array([0, frame.shape[2]]) - 0.5)
-    below = squeezed.support_z_mm - PADDLE_MM
-    above = squeezed.paddle_z_mm + PADDLE_MM
+    below = compressed.support_z_mm - PADDLE_MM
+    above = compressed.paddle_z_mm + PADDLE_MM
     pad = [max(0, int(np.ceil((faces[0] - below) / step))),
            max(0, int(np.ceil((above - faces[1]) / step)))]  # fmt: skip
     nx, ny, nz = frame.shape
@@ -111,57 +111,59 @@ def _between_plates(
     out = np.zeros(grid.shape, np.uint8)
     np.take(tissue_label, labels, out=out[:, :, pad[0] : pad[0] + nz])
     to_whole_voxels(out)
-    under = _first_under_plates(squeezed, grid)
-    for layer in _plate_layers(squeezed, grid):
+    under = _first_under_plates(compressed, grid)
+    for layer in _plate_layers(compressed, grid):
         slab = out[under:, :, layer]
         slab[slab == 0] = PADDLE_LABEL
     return out, grid
 
 
-def _first_under_plates(squeezed: CompressedBreast, grid: VoxelFrame) -> int:
+def _first_under_plates(compressed: CompressedBreast, grid: VoxelFrame) -> int:
     """Index of the first voxel along x whose centre lies at the plates' edge or beyond."""
-    index = (squeezed.plate_edge_mm - grid.origin_mm[0]) / grid.spacing_mm[0]
+    index = (compressed.plate_edge_mm - grid.origin_mm[0]) / grid.spacing_mm[0]
     return int(np.clip(np.ceil(index - 1e-9), 0, grid.shape[0] - 1))
 
 
-def _plate_layers(squeezed: CompressedBreast, grid: VoxelFrame) -> NDArray[np.intp]:
+def _plate_layers(compressed: CompressedBreast, grid: VoxelFrame) -> NDArray[np.intp]:
     """Indices along z of voxels whose centres lie in either plate, ascending."""
     z = grid.origin_mm[2] + grid.spacing_mm[2] * np.arange(grid.shape[2])
-    lower = (z >= squeezed.support_z_mm - PADDLE_MM) & (z < squeezed.support_z_mm)
-    upper = (z > squeezed.paddle_z_mm) & (z <= squeezed.paddle_z_mm + PADDLE_MM)
+    lower = (z >= compressed.support_z_mm - PADDLE_MM) & (z < compressed.support_z_mm)
+    upper = (z > compressed.paddle_z_mm) & (z <= compressed.paddle_z_mm + PADDLE_MM)
     # Voxels thicker than a plate may have no centre in it: the nearest one outside stands for it.
     if not lower.any():
-        lower[max(int(np.searchsorted(z, squeezed.support_z_mm)) - 1, 0)] = True
+        lower[max(int(np.searchsorted(z, compressed.support_z_mm)) - 1, 0)] = True
     if not upper.any():
-        upper[min(int(np.searchsorted(z, squeezed.paddle_z_mm, "right")), len(z) - 1)] = True
+        upper[min(int(np.searchsorted(z, compressed.paddle_z_mm, "right")), len(z) - 1)] = True
     return np.flatnonzero(lower | upper)
 
 
 def _cropped(
-    squeezed: CompressedBreast, whole: NDArray[np.uint8], grid: VoxelFrame
+    compressed: CompressedBreast, whole: NDArray[np.uint8], grid: VoxelFrame
 ) -> tuple[NDArray[np.uint8], VoxelFrame]:
     """From the plates' edge on, and from the lowest layer of a plate to the highest."""
-    layers = _plate_layers(squeezed, grid)
-    start = np.array([_first_under_plates(squeezed, grid), 0, int(layers[0])])
+    layers = _plate_layers(compressed, grid)
+    start = np.array([_first_under_plates(compressed, grid), 0, int(layers[0])])
     part = whole[start[0] :, :, layers[0] : layers[-1] + 1]
     nx, ny, nz = part.shape
     return part, VoxelFrame(grid.position_mm(start), grid.spacing_mm, (nx, ny, nz))
 
 
-def _lesion_places_mm(squeezed: CompressedBreast) -> NDArray[np.float64]:
+def _lesion_places_mm(compressed: CompressedBreast) -> NDArray[np.float64]:
     """(n, 3) where each lesion's centre came to lie, compression frame, mm."""
-    lesions = squeezed.phantom.lesions
+    lesions = compressed.phantom.lesions
     if not lesions:
         return np.empty((0, 3))
     before = np.array([lesion.position_mm for lesion in lesions])
-    after = before + squeezed.displacement_at(before)
-    return squeezed.view.compression_from_breast(after)
+    after = before + compressed.displacement_at(before)
+    return compressed.view.compression_from_breast(after)
 
 
-def _inserted(squeezed: CompressedBreast, places_mm: NDArray[np.float64], frame: VoxelFrame) -> str:
+def _inserted(
+    compressed: CompressedBreast, places_mm: NDArray[np.float64], frame: VoxelFrame
+) -> str:
     """Lines of `pcl_N.loc`: lesions of which VICTRE has a number, and whose centre is there."""
     lines = []
-    for lesion, place in zip(squeezed.phantom.lesions, places_mm, strict=True):
+    for lesion, place in zip(compressed.phantom.lesions, places_mm, strict=True):
         index = np.rint(frame.index(place)).astype(int)
         inside = (index >= 0).all() and (index < frame.shape).all()
         victre_type = LESION_KINDS[lesion.kind].victre_type

@@ -49,7 +49,7 @@ from mammosim.targets import Target
 
 def write_compressed(
     folder: str | PathLike[str],
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     settings: ExportSettings,
     labels: NDArray[np.uint8] | None = None,
     labels_frame: VoxelFrame | None = None,
@@ -61,7 +61,7 @@ def write_compressed(
     ----------
     folder : path
         The view's folder, as ``run/LCC``.
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
         Also one that has not converged.
     settings : ExportSettings
     labels : ndarray of uint8, [x, y, z], optional
@@ -78,21 +78,21 @@ def write_compressed(
         If a file cannot be written.
     """
     folder = Path(folder)
-    write_compression(squeezed, folder / "compression.json")
-    write_convergence(squeezed.history, folder / "convergence.csv")
+    write_compression(compressed, folder / "compression.json")
+    write_convergence(compressed.history, folder / "convergence.csv")
     if settings.matlab:
-        write_matlab(squeezed, folder / "springs.mat")
+        write_matlab(compressed, folder / "springs.mat")
     if settings.volumes:
-        write_displacement(squeezed.field, folder / "displacement.nii.gz")
-        write_lattice(squeezed.field, folder / "lattice.nii.gz")
+        write_displacement(compressed.field, folder / "displacement.nii.gz")
+        write_lattice(compressed.field, folder / "lattice.nii.gz")
     if labels is None or labels_frame is None:
         return
-    table, rotation = table_of_compressed(squeezed), squeezed.view.patient_rotation
+    table, rotation = table_of_compressed(compressed), compressed.view.patient_rotation
     files = []
     formats = [*(["nii.gz"] if settings.volumes else []), *settings.compressed_formats]
     for ending in dict.fromkeys(formats):
         if ending == "victre":
-            write_victre(squeezed, labels, labels_frame, folder / "victre", seed)
+            write_victre(compressed, labels, labels_frame, folder / "victre", seed)
         else:
             path = folder / f"compressed.{ending}"
             write_labels(labels, labels_frame, rotation, path)

@@ -21,7 +21,7 @@ from mammosim.export.volumes import write_labels
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom import BREAST_AXES, TIFF_AXES_KEY
 
-MOST_TIFF_BYTES = 1 << 32
+MAX_TIFF_BYTES = 1 << 32
 """A TIFF's offsets have 32 bits (TIFF 6.0); ImageJ does not read BigTIFF with its description."""
 
 Writer = Callable[[NDArray[np.integer[Any]], VoxelFrame, Path], None]
@@ -42,9 +42,9 @@ def _write_tiff(values: NDArray[np.integer[Any]], frame: VoxelFrame, path: Path)
     """As ImageJ does: a page a layer of z, columns along x, rows along y, not compressed."""
     import tifffile
 
-    if values.dtype not in (np.uint8, np.uint16) or values.nbytes >= MOST_TIFF_BYTES:
+    if values.dtype not in (np.uint8, np.uint16) or values.nbytes >= MAX_TIFF_BYTES:
         raise InputError(
-            f"{path}: a TIFF holds labels from 0 to 65535 in less than {MOST_TIFF_BYTES / 1e9:.1f} "
+            f"{path}: a TIFF holds labels from 0 to 65535 in less than {MAX_TIFF_BYTES / 1e9:.1f} "
             f"GB, found {values.dtype} in {values.nbytes / 1e9:.1f} GB; use .nrrd"
         )
     width, height, depth = (float(step) for step in frame.spacing_mm)

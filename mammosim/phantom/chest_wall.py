@@ -15,21 +15,21 @@ from numpy.typing import NDArray
 from mammosim.phantom.readers.axes import BREAST_AXES
 from mammosim.phantom.readers.volume import every_nth
 
-MOST_VOXELS = 2_000_000
+MAX_VOXELS = 2_000_000
 """Looked at: a phantom is thinned to fewer, some 100 along each axis, enough for its outline."""
 
 SPECK_PART = 0.01
 """Of the largest section: layers with less tissue than this are specks beside the breast."""
 
-LEAST_WALL = 0.3
+MIN_WALL = 0.3
 """Least difference of tissue between the two ends of an axis, of its largest section, that makes a
 chest wall. Chosen: twelve generated breasts and FDA's have 0.92 to 0.99 from chest wall to nipple,
 and no more than 0.05 along the other axes."""
 
-LEAST_LEAD = 2.0
+MIN_LEAD = 2.0
 """How far the chest wall's difference must exceed that of the next axis. Chosen."""
 
-LEAST_NIPPLE = 0.4
+MIN_NIPPLE = 0.4
 """Least distance of the nipple from the middle of all tissue, of half its extent. Chosen."""
 
 
@@ -48,7 +48,7 @@ def find_chest_wall(values: NDArray[Any], tissue_of: Mapping[int, str]) -> tuple
         Number of the axis, and +1 or -1: the sense from the chest wall to the nipple. None where
         neither is to be seen.
     """
-    step = max(1, round((values.size / MOST_VOXELS) ** (1 / 3)))
+    step = max(1, round((values.size / MAX_VOXELS) ** (1 / 3)))
     coarse = every_nth(values, min(step, *values.shape)) if values.size else values
     air = [value for value, tissue in tissue_of.items() if tissue == "air"]
     tissue = ~np.isin(coarse, air)
@@ -68,7 +68,7 @@ def _from_nipple(tissue: NDArray[np.bool_], nipple: NDArray[np.bool_]) -> tuple[
         low, high = _ends(profile)
         offsets.append((places[:, axis].mean() - 0.5 * (low + high)) / max(0.5 * (high - low), 0.5))
     axis = int(np.argmax(np.abs(offsets)))
-    return (axis, int(np.sign(offsets[axis]))) if abs(offsets[axis]) >= LEAST_NIPPLE else None
+    return (axis, int(np.sign(offsets[axis]))) if abs(offsets[axis]) >= MIN_NIPPLE else None
 
 
 def _from_sections(tissue: NDArray[np.bool_]) -> tuple[int, int] | None:
@@ -79,8 +79,8 @@ def _from_sections(tissue: NDArray[np.bool_]) -> tuple[int, int] | None:
         falls.append((profile[low] - profile[high]) / profile.max())
     order = np.argsort(np.abs(falls))
     axis, next_axis = int(order[-1]), int(order[-2])
-    lead = abs(falls[axis]) >= LEAST_LEAD * abs(falls[next_axis])
-    if abs(falls[axis]) < LEAST_WALL or not lead:
+    lead = abs(falls[axis]) >= MIN_LEAD * abs(falls[next_axis])
+    if abs(falls[axis]) < MIN_WALL or not lead:
         return None
     return axis, int(np.sign(falls[axis]))
 

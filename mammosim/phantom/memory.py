@@ -25,7 +25,7 @@ CGROUP = Path("/sys/fs/cgroup")
 LABEL_BYTES = 1
 """Of each voxel of the phantom made from the file."""
 
-MOST_REDUCED = 16
+MAX_REDUCED = 16
 """Largest `phantom.reduce`: 0.05 mm becomes 0.8 mm."""
 
 
@@ -107,7 +107,7 @@ def check_memory(opened: VoxelFile, step: int) -> None:
     available, needed = available_bytes(), needed_bytes(opened, step)
     if available is None or needed <= available:
         return
-    larger = range(step + 1, min(MOST_REDUCED, *opened.shape) + 1)
+    larger = range(step + 1, min(MAX_REDUCED, *opened.shape) + 1)
     fits = next((n for n in larger if needed_bytes(opened, n) <= available), None)
     if fits is not None:
         size = " x ".join(f"{fits * step_mm:g}" for step_mm in opened.voxel_mm)

@@ -10,7 +10,7 @@ from mammosim.config import Name, Position, Settings
 from mammosim.phantom.anatomy import GenerateSettings
 from mammosim.phantom.lesion_kinds import LESION_KINDS, OwnKeys
 from mammosim.phantom.lesion_pieces import MERGE_MM, MIN_VOLUME_MM3
-from mammosim.phantom.memory import MOST_REDUCED
+from mammosim.phantom.memory import MAX_REDUCED
 from mammosim.phantom.readers.axes import AXES_EXPECTED, are_axes
 from mammosim.tissues import LESION_LABELS
 
@@ -147,7 +147,7 @@ class PhantomSettings(Settings):
     voxel_mm: VoxelSize | tuple[VoxelSize, VoxelSize, VoxelSize] | None = None
     """Voxel size along the file's axes, mm, one number or three; default: from the file."""
 
-    reduce: int = Field(default=1, ge=1, le=MOST_REDUCED)
+    reduce: int = Field(default=1, ge=1, le=MAX_REDUCED)
     """Keep one of every n voxels of the file along each axis, for files larger than memory."""
 
     compressed_for: Literal["CC", "MLO", "ML"] | None = None

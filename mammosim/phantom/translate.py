@@ -20,10 +20,10 @@ BLOCK_VOXELS = 1 << 22
 TILE_SIDE = 64
 """Voxels along each side of what is translated at a time: axes change their order on the way."""
 
-MOST_VALUES = 255
+MAX_VALUES = 255
 """Different values in a file of labels: a picture or a density map holds more."""
 
-MOST_SHOWN = 20
+MAX_SHOWN = 20
 """Unknown labels that a message lists."""
 
 
@@ -147,9 +147,9 @@ def count_values(values: NDArray[Any], path: Path) -> dict[int, int]:
             raise InputError(f"{path}: holds the value {odd[0]}, expected whole-number labels")
         for value, number in zip(each, how_many, strict=True):
             counts[int(value)] = counts.get(int(value), 0) + int(number)
-        if len(counts) > MOST_VALUES:
+        if len(counts) > MAX_VALUES:
             raise InputError(
-                f"{path}: holds over {MOST_VALUES} different values, expected tissue labels"
+                f"{path}: holds over {MAX_VALUES} different values, expected tissue labels"
             )
     return counts
 
@@ -189,10 +189,10 @@ def _check_known(
     shown = [
         f"{path}: label {_shown(value, decimals)} ({counts[value] * voxel_mm3 / 1000:.3g} mL) is "
         "not in the label map"
-        for value in unknown[:MOST_SHOWN]
+        for value in unknown[:MAX_SHOWN]
     ]
-    if len(unknown) > MOST_SHOWN:
-        more = len(unknown) - MOST_SHOWN
+    if len(unknown) > MAX_SHOWN:
+        more = len(unknown) - MAX_SHOWN
         shown.append(f"{path}: and {counted(more, 'more label')} not in the label map")
     raise InputError([*shown, f"{path}: known labels: {known}"])
 

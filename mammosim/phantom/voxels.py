@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from mammosim.errors import InputError
 from mammosim.phantom.chest_wall import find_axes, find_chest_wall
-from mammosim.phantom.memory import MOST_REDUCED, check_memory
+from mammosim.phantom.memory import MAX_REDUCED, check_memory
 from mammosim.phantom.readers import Volume, VoxelFile, open_voxels
 from mammosim.phantom.readers.axes import AXES_EXPECTED, are_axes, turn
 from mammosim.phantom.readers.volume import checked_spacing
 from mammosim.phantom.translate import whole_labels
 from mammosim.tissues import DEFAULT_LABELS, LABEL_MAPS, decimals_of, in_whole_numbers
 
-LEAST_LENGTH_MM, MOST_LENGTH_MM = 5.0, 1000.0
+MIN_LENGTH_MM, MAX_LENGTH_MM = 5.0, 1000.0
 """Of a volume's longest side: shorter or longer ones are some other unit's. Chosen."""
 
 
@@ -118,7 +118,7 @@ def read_volume(
 def _size_remarks(opened: VoxelFile, spacing_mm: NDArray[np.float64]) -> list[str]:
     """What is to be said of a volume that no breast fills, as where its unit is not the mm."""
     longest = float(max(spacing_mm * opened.shape))
-    if LEAST_LENGTH_MM <= longest <= MOST_LENGTH_MM:
+    if MIN_LENGTH_MM <= longest <= MAX_LENGTH_MM:
         return []
     return [
         f"{opened.path.name} is {longest:.3g} mm long: if its voxel size is in another unit, set "
@@ -130,7 +130,7 @@ def _check_wishes(opened: VoxelFile, axes: str | None, reduce: int) -> None:
     problems = []
     if axes is not None and not are_axes(axes):
         problems.append(f"phantom.axes: found '{axes}', expected {AXES_EXPECTED}")
-    most = min(MOST_REDUCED, *opened.shape)
+    most = min(MAX_REDUCED, *opened.shape)
     if not 1 <= reduce <= most:
         problems.append(
             f"phantom.reduce: found {reduce}, expected 1 to {most} for {opened.path.name} of "

@@ -18,7 +18,7 @@ from mammosim.phantom import BreastPhantom
 from mammosim.pipeline.configuration import RunConfig
 from mammosim.projection import PathLengths
 from mammosim.reconstruction import Reconstruction
-from mammosim.targets import ShiftAnswers, Target
+from mammosim.targets import LesionShiftResults, Target
 
 OnProgress = Callable[[str, str, np.void | None], None]
 """Called with a view's folder or '', a stage, and a row of the solver's history or None."""
@@ -30,7 +30,7 @@ class ViewResult:
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     paths : PathLengths, optional
         Of a series of projections, those of the middle one; so are `mammogram` and `targets`.
     mammogram : Mammogram, optional
@@ -44,7 +44,7 @@ class ViewResult:
         Of a series, the slices, where `dbt.reconstruct` asks for them.
     """
 
-    squeezed: CompressedBreast
+    compressed: CompressedBreast
     paths: PathLengths | None = None
     mammogram: Mammogram | None = None
     targets: tuple[Target, ...] = ()
@@ -57,7 +57,7 @@ class ViewResult:
         if self.series is not None:
             reached = counted(len(self.series.gantries), "projection")
         targets = counted(len(self.targets), "target")
-        return f"<ViewResult {self.squeezed.view.folder}: {reached}, {targets}>"
+        return f"<ViewResult {self.compressed.view.folder}: {reached}, {targets}>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Study:
         By laterality and view, as `LCC`; a series of projections as `LCC_DBT`.
     stage_seconds : mapping of str to float
         Wall time of each stage, s.
-    answers : ShiftAnswers
+    answers : LesionShiftResults
         Rules between views, biopsy and uncertainty.
     config : RunConfig, optional
         What was asked for.
@@ -81,7 +81,7 @@ class Study:
     breasts: tuple[BreastPhantom, ...]
     views: Mapping[str, ViewResult] = field(default_factory=dict)
     stage_seconds: Mapping[str, float] = field(default_factory=dict)
-    answers: ShiftAnswers = field(default_factory=ShiftAnswers)
+    answers: LesionShiftResults = field(default_factory=LesionShiftResults)
     config: RunConfig | None = None
 
     @property
@@ -100,9 +100,9 @@ class Study:
         notes = [note for breast in self.breasts for note in breast.notes]
         notes += self.answers.notes
         for view in self.views.values():
-            notes += [*view.squeezed.notes, *(view.mammogram.notes if view.mammogram else ())]
-            if not view.squeezed.converged:
-                notes.append(f"{view.squeezed.view.folder}: the compression did not converge")
+            notes += [*view.compressed.notes, *(view.mammogram.notes if view.mammogram else ())]
+            if not view.compressed.converged:
+                notes.append(f"{view.compressed.view.folder}: the compression did not converge")
         return tuple(notes)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""Compiled loops over the grid of the inverse map: what lies at a point, and how it was squeezed.
+"""Compiled loops over the grid of the inverse map: what lies at a point, and how it was compressed.
 
 Everything here is in grid units. The *grid* is that of the inverse map (compression frame); its
 nodes carry four numbers: the fractional voxel of the phantom that came to lie there, counted so

@@ -10,7 +10,7 @@ from mammosim._jit import Thread, parallel_kernel, share
 Labels = NDArray[np.uint8]
 Words = NDArray[np.uint64]
 
-LABELS_A_WORD = 8
+LABELS_PER_WORD = 8
 """Labels that are looked at together, as one 64-bit word of a little-endian machine."""
 
 _BYTE, _LOWEST_BYTE = np.uint64(8), np.uint64(0xFF)
@@ -39,6 +39,6 @@ def planes_of_words(thread: Thread, words: Words, out_present: NDArray[np.bool_]
             word = words[x, at]
             if word != last:
                 last = word
-                for _ in range(LABELS_A_WORD):
+                for _ in range(LABELS_PER_WORD):
                     out_present[x, word & _LOWEST_BYTE] = True
                     word >>= _BYTE

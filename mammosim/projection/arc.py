@@ -27,7 +27,7 @@ class Arc:
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     gantries : tuple of Gantry
         One per projection, with one detector.
     settings : TomosynthesisSettings
@@ -35,7 +35,7 @@ class Arc:
         Warnings, one sentence each.
     """
 
-    squeezed: CompressedBreast
+    compressed: CompressedBreast
     gantries: tuple[Gantry, ...]
     settings: TomosynthesisSettings
     _mapped: VoxelMap
@@ -55,7 +55,7 @@ class Arc:
         """Path lengths of one projection."""
         return trace_onto(
             self.gantries[index],
-            self.squeezed,
+            self.compressed,
             self._mapped,
             self._channels,
             self._settings,
@@ -65,7 +65,7 @@ class Arc:
 
 @documents_keys(ProjectionSettings, ProjectionKeys)
 def project_arc(
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     tomosynthesis: TomosynthesisSettings | TomosynthesisKeys | None = None,
     settings: ProjectionSettings | None = None,
     **keys: Unpack[ProjectionKeys],
@@ -74,9 +74,9 @@ def project_arc(
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     tomosynthesis : TomosynthesisSettings or dict of its keys, optional
-        How the tube moves; without a view, it is that of `squeezed`.
+        How the tube moves; without a view, it is that of `compressed`.
     settings : ProjectionSettings, optional
         Detector and focal spot; or give its keys as keywords.
     **keys
@@ -101,13 +101,13 @@ def project_arc(
     if isinstance(tomosynthesis, TomosynthesisSettings):
         sweep = tomosynthesis
     else:
-        given = {"view": squeezed.view.name, **(tomosynthesis or {})}
+        given = {"view": compressed.view.name, **(tomosynthesis or {})}
         sweep = to_settings(TomosynthesisSettings, given, "project_arc")
     check_arc(sweep, settings)
-    mapped, channels = voxel_map(squeezed), channels_of(squeezed.phantom)
-    upright, notes = place_detector(squeezed, mapped, settings, sweep)
+    mapped, channels = voxel_map(compressed), channels_of(compressed.phantom)
+    upright, notes = place_detector(compressed, mapped, settings, sweep)
     shape = upright.rows, upright.columns
     check_memory(settings, shape, len(channels), sweep.projections)
     gantries = tuple(turned(upright, angle, sweep) for angle in sweep.angles_deg)
     check_gap(gantries)
-    return Arc(squeezed, gantries, sweep, mapped, channels, settings, notes)
+    return Arc(compressed, gantries, sweep, mapped, channels, settings, notes)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mammosim.errors import InputError
 from mammosim.phantom import BreastPhantom, Lesion
 from mammosim.projection._label_kernels import (
-    LABELS_A_WORD,
+    LABELS_PER_WORD,
     planes_of_labels,
     planes_of_words,
 )
@@ -115,8 +115,8 @@ def planes_with_labels(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
     ndarray of bool, [x, 256]
     """
     present = np.zeros((labels.shape[0], 256), dtype=np.bool_)
-    starts_a_word = labels.flags.c_contiguous and labels.ctypes.data % LABELS_A_WORD == 0
-    if starts_a_word and labels[0].size % LABELS_A_WORD == 0:
+    starts_a_word = labels.flags.c_contiguous and labels.ctypes.data % LABELS_PER_WORD == 0
+    if starts_a_word and labels[0].size % LABELS_PER_WORD == 0:
         planes_of_words(labels.reshape(len(labels), -1).view(np.uint64), present)
     else:
         planes_of_labels(labels, present)

@@ -68,12 +68,12 @@ class CoarseBreast:
         return ((self.shares >> shift) & np.uint64(15)) / 8.0
 
 
-def coarse_breast(squeezed: CompressedBreast, gantry: Gantry, voxel_mm: float) -> CoarseBreast:
+def coarse_breast(compressed: CompressedBreast, gantry: Gantry, voxel_mm: float) -> CoarseBreast:
     """Copy the compressed breast onto a coarse grid, for radiation transport.
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     gantry : Gantry
     voxel_mm : float
         Edge of a coarse voxel, mm; along the plates' normal as near to it as divides the gap.
@@ -96,24 +96,24 @@ def coarse_breast(squeezed: CompressedBreast, gantry: Gantry, voxel_mm: float) -
     below the support's face is left out, as is what lies more than `BEHIND_EDGE_MM` behind the
     detector's edge or more than `BESIDE_FIELD_MM` beside the field.
     """
-    mapped = voxel_map(squeezed)
-    low, high = _box_mm(squeezed, mapped, gantry, voxel_mm)
+    mapped = voxel_map(compressed)
+    low, high = _box_mm(compressed, mapped, gantry, voxel_mm)
     nx, ny, nz = _counts(low, high, voxel_mm)
     spacing = np.array([voxel_mm, voxel_mm, (high[2] - low[2]) / nz])
-    below, above = _in_plates_mm(squeezed, mapped, gantry, low, (nx, ny))
+    below, above = _in_plates_mm(compressed, mapped, gantry, low, (nx, ny))
     scale = (high[2] + below + above) / high[2] if high[2] > 0.0 else 1.0
     first = low + gantry.origin_mm - [0.0, 0.0, below]
     step = spacing * [1.0, 1.0, scale]
-    labels = _staggered_labels(squeezed, mapped, first, 0.5 * step, (2 * nx, 2 * ny, 2 * nz))
+    labels = _staggered_labels(compressed, mapped, first, 0.5 * step, (2 * nx, 2 * ny, 2 * nz))
     halves = np.empty((nx, ny, 2 * nz), np.float32)
     carry_density(*_axes(mapped, first, step * [1.0, 1.0, 0.5], halves.shape), mapped.nodes, halves)
     density = scale * _of_tissue(halves, labels)
-    materials, sampled = _sampled_as(squeezed, channels_of(squeezed.phantom))
+    materials, sampled = _sampled_as(compressed, channels_of(compressed.phantom))
     return CoarseBreast(low, spacing, materials, fold(labels, sampled), density)
 
 
 def _staggered_labels(
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     mapped: VoxelMap,
     first_mm: NDArray[np.float64],
     step_mm: NDArray[np.float64],
@@ -130,7 +130,7 @@ def _staggered_labels(
     for (a, b), part in _STAGGER.items():
         some = np.empty((shape[0] // 2, shape[1] // 2, shape[2]), np.uint8)
         shifted = np.clip(k + part * step_mm[2] / mapped.frame.spacing_mm[2], 0.0, last)
-        carry_labels(u[a::2], v[b::2], shifted, mapped.nodes, squeezed.phantom.labels, some)
+        carry_labels(u[a::2], v[b::2], shifted, mapped.nodes, compressed.phantom.labels, some)
         labels[a::2, b::2] = some
     return labels
 
@@ -147,7 +147,7 @@ def _of_tissue(halves: NDArray[np.float32], labels: NDArray[np.uint8]) -> NDArra
     return np.divide(mean, there, out=np.ones_like(mean), where=there > 0.0)
 
 
-def check_coarse_size(squeezed: CompressedBreast, gantry: Gantry, voxel_mm: float) -> None:
+def check_coarse_size(compressed: CompressedBreast, gantry: Gantry, voxel_mm: float) -> None:
     """Refuse a breast whose coarse copy would be too large, without making it.
 
     Raises
@@ -155,7 +155,7 @@ def check_coarse_size(squeezed: CompressedBreast, gantry: Gantry, voxel_mm: floa
     InputError
         As `coarse_breast` does.
     """
-    _counts(*_box_mm(squeezed, voxel_map(squeezed), gantry, voxel_mm), voxel_mm)
+    _counts(*_box_mm(compressed, voxel_map(compressed), gantry, voxel_mm), voxel_mm)
 
 
 def _counts(
@@ -173,7 +173,7 @@ def _counts(
 
 
 def _in_plates_mm(
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     mapped: VoxelMap,
     gantry: Gantry,
     low_mm: NDArray[np.float64],
@@ -185,16 +185,16 @@ def _in_plates_mm(
     plate that is not there.
     """
     x = low_mm[0] + (np.arange(columns[0]) + 0.5)
-    under = x > squeezed.plate_edge_mm - gantry.detector_edge_mm
+    under = x > compressed.plate_edge_mm - gantry.detector_edge_mm
     levels = round(MAX_IN_PLATE_MM / _LEVEL_MM) + 1
     step = np.array([1.0, 1.0, _LEVEL_MM])
     depths = []
-    for face_mm, down in ((0.0, True), (squeezed.thickness_mm, False)):
+    for face_mm, down in ((0.0, True), (compressed.thickness_mm, False)):
         first = np.array([low_mm[0], low_mm[1], face_mm - (levels * _LEVEL_MM if down else 0.0)])
         labels = np.empty((*columns, levels), np.uint8)
         carry_labels(
             *_axes(mapped, first + gantry.origin_mm, step, labels.shape),
-            mapped.nodes, squeezed.phantom.labels, labels,
+            mapped.nodes, compressed.phantom.labels, labels,
         )  # fmt: skip
         tissue = labels[under] > 0
         tissue = tissue[..., ::-1] if down else tissue  # from the face into the plate
@@ -213,7 +213,7 @@ def fold(labels: NDArray[np.uint8], sampled: SampledAs) -> NDArray[np.uint64]:
 
 
 def _box_mm(
-    squeezed: CompressedBreast, mapped: VoxelMap, gantry: Gantry, voxel_mm: float
+    compressed: CompressedBreast, mapped: VoxelMap, gantry: Gantry, voxel_mm: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lowest and highest corner of what is copied, gantry frame, mm."""
     bounds = []
@@ -230,7 +230,7 @@ def _box_mm(
     high[1] = min(high[1], gantry.y_max_mm + BESIDE_FIELD_MM)
     # The detector's edge is a plane between voxels, so that none is cut by the beam's edge.
     low[:2] = np.floor(np.minimum(low[:2], [0.0, np.inf]) / voxel_mm) * voxel_mm
-    low[2], high[2] = 0.0, squeezed.thickness_mm
+    low[2], high[2] = 0.0, compressed.thickness_mm
     return low, np.maximum(high, low)
 
 
@@ -251,7 +251,7 @@ def _axes(
 
 
 def _sampled_as(
-    squeezed: CompressedBreast, channels: Channels
+    compressed: CompressedBreast, channels: Channels
 ) -> tuple[tuple[str, ...], SampledAs]:
     """Materials that occur, and what each label counts as."""
     materials = tuple(dict.fromkeys(channels.materials))
@@ -270,7 +270,7 @@ def _sampled_as(
     for lesion in channels.lesions:
         if lesion is None or lesion.fill == 1.0:
             continue
-        around = host_channel(squeezed.phantom, lesion, channels)
+        around = host_channel(compressed.phantom, lesion, channels)
         if around is not None:
             host[lesion.label] = materials.index(channels.materials[around])
             fill[lesion.label] = lesion.fill

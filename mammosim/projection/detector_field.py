@@ -42,7 +42,7 @@ class Shadow:
 
 
 def place_detector(
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     mapped: VoxelMap,
     settings: ProjectionSettings,
     arc: TomosynthesisSettings | None = None,
@@ -57,7 +57,7 @@ def place_detector(
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     mapped : VoxelMap
         Its cells that hold tissue.
     settings : ProjectionSettings
@@ -83,7 +83,7 @@ def place_detector(
     The shadow is that of the inverse map's cells that hold tissue: up to one cell wider than the
     tissue's own. What lies behind the detector's edge does not count.
     """
-    gantry, shadow, end = _shadow_and_end(squeezed, mapped, settings, arc)
+    gantry, shadow, end = _shadow_and_end(compressed, mapped, settings, arc)
     spot_y, pixel_mm = gantry.focal_spot_y_mm, settings.pixel_mm
     fitting = fitting_format(shadow, settings)
     height, width = fitting or formats_mm(settings)[-1]
@@ -101,13 +101,13 @@ def place_detector(
             f"projection.focal_spot_y_mm: found {spot_y:g}, expected {y_min:.1f} to "
             f"{placed.y_max_mm:.1f}: the focal spot must be above the detector's field"
         )
-    return placed, () if fitting else (_cut_off_note(squeezed, shadow, height, width),)
+    return placed, () if fitting else (_cut_off_note(compressed, shadow, height, width),)
 
 
-def _cut_off_note(squeezed: CompressedBreast, shadow: Shadow, height: float, width: float) -> str:
+def _cut_off_note(compressed: CompressedBreast, shadow: Shadow, height: float, width: float) -> str:
     """By how much a detector of a height and width, mm, is too small for the breast's shadow."""
     return (
-        f"{squeezed.view.folder}: the breast is cut off at the detector's edge: its shadow is "
+        f"{compressed.view.folder}: the breast is cut off at the detector's edge: its shadow is "
         f"{shadow.height_mm:.1f} x {shadow.width_mm:.1f} mm (along the chest wall x from it), "
         f"projection.detector_mm is {height:g} x {width:g}; "
         f"{max(shadow.height_mm - height, 0.0):.1f} mm of its height and "
@@ -116,7 +116,7 @@ def _cut_off_note(squeezed: CompressedBreast, shadow: Shadow, height: float, wid
 
 
 def cast_shadow(
-    squeezed: CompressedBreast, settings: ProjectionSettings, arc: TomosynthesisSettings
+    compressed: CompressedBreast, settings: ProjectionSettings, arc: TomosynthesisSettings
 ) -> Shadow:
     """Shadow of a compressed breast over all angles of an arc, whatever the detector's size.
 
@@ -125,36 +125,36 @@ def cast_shadow(
     InputError
         As `place_detector`, except for the detector's format.
     """
-    gantry, corners = _tissue_over(squeezed, voxel_map(squeezed), settings, arc)
+    gantry, corners = _tissue_over(compressed, voxel_map(compressed), settings, arc)
     return _shadow(corners, gantry, arc)
 
 
 def _shadow_and_end(
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     mapped: VoxelMap,
     settings: ProjectionSettings,
     arc: TomosynthesisSettings | None,
 ) -> tuple[Gantry, Shadow, tuple[float, float] | None]:
     """A gantry without a detector's size, the shadow to hold, and where the body goes on."""
-    gantry, corners = _tissue_over(squeezed, mapped, settings, arc)
+    gantry, corners = _tissue_over(compressed, mapped, settings, arc)
     shadow = _shadow(corners, gantry, arc)
     if arc and not fitting_format(shadow, settings):
         shadow = _shadow(corners, gantry)
-    end = open_end_mm(squeezed, gantry)
+    end = open_end_mm(compressed, gantry)
     if end is not None:
         shadow = _up_to(shadow, *end)
     return gantry, shadow, end
 
 
 def _tissue_over(
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     mapped: VoxelMap,
     settings: ProjectionSettings,
     arc: TomosynthesisSettings | None,
 ) -> tuple[Gantry, np.ndarray]:
     """A gantry without pixels, and the tissue in front of its detector's edge, (n, 3) in mm."""
     edge = settings.detector_edge_mm
-    edge = squeezed.plate_edge_mm if edge is None else edge
+    edge = compressed.plate_edge_mm if edge is None else edge
     x, y, z = _tissue_corners(mapped)
     kept = x > edge
     if not kept.any():
@@ -164,11 +164,11 @@ def _tissue_over(
         )
     spot_y = _focal_spot_y(y[kept], settings)
     gantry = Gantry(
-        squeezed.view, edge, squeezed.support_z_mm, settings.source_to_detector_mm,
+        compressed.view, edge, compressed.support_z_mm, settings.source_to_detector_mm,
         settings.support_to_detector_mm, spot_y, settings.pixel_mm, rows=0, columns=0, y_min_mm=0.0,
         pivot_to_detector_mm=arc.pivot_to_detector_mm if arc else 0.0,
     )  # fmt: skip
-    corners = np.stack([x[kept] - edge, y[kept], z[kept] - squeezed.support_z_mm], axis=-1)
+    corners = np.stack([x[kept] - edge, y[kept], z[kept] - compressed.support_z_mm], axis=-1)
     return gantry, corners
 
 

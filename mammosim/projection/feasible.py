@@ -14,15 +14,15 @@ from mammosim.projection.detector_field import formats_mm, pixels_of, place_dete
 from mammosim.projection.settings import ProjectionSettings, TomosynthesisSettings
 from mammosim.projection.voxel_map import voxel_map
 
-BYTES_A_LENGTH = 4  # single precision
-BYTES_A_RECORD = 2  # 16 bits
-FEWEST_CHANNELS = 3  # fat, gland and skin: hardly a phantom has fewer
+BYTES_PER_LENGTH = 4  # single precision
+BYTES_PER_RECORD = 2  # 16 bits
+MIN_CHANNELS = 3  # fat, gland and skin: hardly a phantom has fewer
 
 
 def check_memory(
     settings: ProjectionSettings,
     shape: tuple[int, int] | None = None,
-    channels: int = FEWEST_CHANNELS,
+    channels: int = MIN_CHANNELS,
     projections: int = 0,
 ) -> None:
     """Refuse a picture whose path lengths this machine cannot hold.
@@ -46,7 +46,7 @@ def check_memory(
         height, width = formats_mm(settings)[0]
         shape = pixels_of(height, settings.pixel_mm), pixels_of(width, settings.pixel_mm)
     images = channels * (2 if settings.conserve_mass else 1)
-    needed = (BYTES_A_LENGTH * images + BYTES_A_RECORD * projections) * shape[0] * shape[1]
+    needed = (BYTES_PER_LENGTH * images + BYTES_PER_RECORD * projections) * shape[0] * shape[1]
     installed = installed_memory()
     if needed > installed:
         series = f" and {projections} projections" if projections else ""

@@ -18,12 +18,12 @@ INSIDE_MM = 1.0
 """How far within the open end they lie, mm, so that they are tissue at any voxel's size."""
 
 
-def open_end_mm(squeezed: CompressedBreast, gantry: Gantry) -> tuple[float, float] | None:
+def open_end_mm(compressed: CompressedBreast, gantry: Gantry) -> tuple[float, float] | None:
     """Where an open end's shadow begins, and on which side.
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     gantry : Gantry
         With the tube upright.
 
@@ -34,7 +34,7 @@ def open_end_mm(squeezed: CompressedBreast, gantry: Gantry) -> tuple[float, floa
         which the body goes on. None where the phantom is closed or this view does not look along
         its end.
     """
-    side, points = compressed_end(squeezed, gantry.detector_edge_mm)
+    side, points = compressed_end(compressed, gantry.detector_edge_mm)
     if len(points) == 0:
         return None
     x, y, z = gantry.gantry_from_breast(points).T
@@ -43,12 +43,14 @@ def open_end_mm(squeezed: CompressedBreast, gantry: Gantry) -> tuple[float, floa
     return side * float((side * shadow[x > 0.0]).min(initial=np.inf)), side
 
 
-def compressed_end(squeezed: CompressedBreast, edge_mm: float) -> tuple[float, NDArray[np.float64]]:
+def compressed_end(
+    compressed: CompressedBreast, edge_mm: float
+) -> tuple[float, NDArray[np.float64]]:
     """Points of an open end as compression left them.
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     edge_mm : float
         Breast-frame x of the detector's edge, mm.
 
@@ -61,14 +63,14 @@ def compressed_end(squeezed: CompressedBreast, edge_mm: float) -> tuple[float, N
         end.
     """
     none = 0.0, np.empty((0, 3))
-    held, end = squeezed.phantom.compressed, squeezed.phantom.open_end
+    held, end = compressed.phantom.compressed, compressed.phantom.open_end
     if held is not None and held.end_points_mm:
         return held.end_side, np.array(held.end_points_mm)
-    if end is None or not leaves_picture(squeezed.phantom, squeezed.view.rotation[1]):
+    if end is None or not leaves_picture(compressed.phantom, compressed.view.rotation[1]):
         return none
-    points = _on_open_end(squeezed.phantom, end, edge_mm)
-    side = math.copysign(1.0, float(squeezed.view.rotation[1] @ end.normal))
-    return side, points + squeezed.displacement_at(points) if len(points) else points
+    points = _on_open_end(compressed.phantom, end, edge_mm)
+    side = math.copysign(1.0, float(compressed.view.rotation[1] @ end.normal))
+    return side, points + compressed.displacement_at(points) if len(points) else points
 
 
 def _on_open_end(breast: BreastPhantom, end: OpenEnd, edge_mm: float) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.projection._label_kernels import LABELS_A_WORD
+from mammosim.projection._label_kernels import LABELS_PER_WORD
 from mammosim.projection._ray_kernels import Beam, Voxels, trace
 
 # Rows that one thread traces together: neighbouring rays share the voxels in its cache.
@@ -68,9 +68,9 @@ def trace_rays(
 def _voxels(labels: NDArray[np.uint8], channel_of_label: NDArray[np.int64]) -> Voxels:
     """The labels as the kernel wants them; copied only where they do not lie as it needs them."""
     labels = np.ascontiguousarray(labels)
-    if labels.ctypes.data % LABELS_A_WORD:
+    if labels.ctypes.data % LABELS_PER_WORD:
         labels = labels.copy()
     row = labels.reshape(-1)
-    words = row[: row.size // LABELS_A_WORD * LABELS_A_WORD].view(np.uint64)
+    words = row[: row.size // LABELS_PER_WORD * LABELS_PER_WORD].view(np.uint64)
     nx, ny, nz = labels.shape
     return Voxels(row, words, nx, ny, nz, channel_of_label)

@@ -24,7 +24,7 @@ from mammosim.projection.voxel_map import VoxelMap, voxel_map
 
 @documents_keys(ProjectionSettings, ProjectionKeys)
 def project(
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     settings: ProjectionSettings | None = None,
     **keys: Unpack[ProjectionKeys],
 ) -> PathLengths:
@@ -32,7 +32,7 @@ def project(
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     settings : ProjectionSettings, optional
         Detector and focal spot; or give its keys as keywords.
     **keys
@@ -63,16 +63,16 @@ def project(
     map (an error of second order in its spacing), scatter (see the acquisition room).
     """
     settings = given_settings(ProjectionSettings, settings, keys, "project")
-    mapped = voxel_map(squeezed)
-    gantry, notes = place_detector(squeezed, mapped, settings)
-    channels = channels_of(squeezed.phantom)
+    mapped = voxel_map(compressed)
+    gantry, notes = place_detector(compressed, mapped, settings)
+    channels = channels_of(compressed.phantom)
     check_memory(settings, (gantry.rows, gantry.columns), len(channels))
-    return trace_onto(gantry, squeezed, mapped, channels, settings, notes)
+    return trace_onto(gantry, compressed, mapped, channels, settings, notes)
 
 
 def trace_onto(
     gantry: Gantry,
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     mapped: VoxelMap,
     channels: Channels,
     settings: ProjectionSettings,
@@ -81,16 +81,16 @@ def trace_onto(
     """Path lengths onto one gantry's detector; its focal spot may be anywhere above the breast."""
     conserve_mass = settings.conserve_mass
     length, attenuating = trace_rays(
-        squeezed.phantom.labels, channels.of_label, len(channels) + len(channels.shares),
+        compressed.phantom.labels, channels.of_label, len(channels) + len(channels.shares),
         mapped.nodes, _beam(gantry, mapped), weighted=conserve_mass,
     )  # fmt: skip
     same = attenuating is length
     length = _shared_out(length, channels)
     attenuating = length if same else _shared_out(attenuating, channels)
-    attenuating = _filled(attenuating, length, squeezed, channels)
+    attenuating = _filled(attenuating, length, compressed, channels)
     if settings.smooth_voxels and conserve_mass:
-        voxel_mm = stretched_voxel_mm(mapped, squeezed.phantom.voxel_mm)
-        smooth_voxels(attenuating, channels, gantry, voxel_mm, squeezed.thickness_mm)
+        voxel_mm = stretched_voxel_mm(mapped, compressed.phantom.voxel_mm)
+        smooth_voxels(attenuating, channels, gantry, voxel_mm, compressed.thickness_mm)
     return PathLengths(
         tissues=channels.names,
         materials=channels.materials,
@@ -98,10 +98,10 @@ def trace_onto(
         length_mm=length,
         attenuating_mm=attenuating,
         gantry=gantry,
-        thickness_mm=squeezed.thickness_mm,
-        force_n=squeezed.force_n,
+        thickness_mm=compressed.thickness_mm,
+        force_n=compressed.force_n,
         clipped_fraction=mapped.clipped_fraction if conserve_mass else 0.0,
-        breast=squeezed,
+        breast=compressed,
         notes=notes,
     )
 
@@ -138,7 +138,7 @@ def _beam(gantry: Gantry, mapped: VoxelMap) -> Beam:
 def _filled(
     attenuating: NDArray[np.float32],
     length: NDArray[np.float32],
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     channels: Channels,
 ) -> NDArray[np.float32]:
     """Attenuating lengths with lesions that fill their voxels in part.
@@ -150,7 +150,7 @@ def _filled(
             continue
         if attenuating is length:
             attenuating = length.copy()
-        host = host_channel(squeezed.phantom, lesion, channels)
+        host = host_channel(compressed.phantom, lesion, channels)
         rows = np.flatnonzero(attenuating[channel].any(axis=1))
         if rows.size == 0:
             continue

@@ -44,12 +44,12 @@ _latest: list[tuple[ref[CompressedBreast], VoxelMap]] = []
 """The map made last and whose it is: projection and scatter of one view need the same."""
 
 
-def voxel_map(squeezed: CompressedBreast) -> VoxelMap:
+def voxel_map(compressed: CompressedBreast) -> VoxelMap:
     """Fold rotation and voxel grid into the inverse map, and find the density at its nodes.
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
 
     Returns
     -------
@@ -67,37 +67,37 @@ def voxel_map(squeezed: CompressedBreast) -> VoxelMap:
     nodes it is interpolated. A density that jumped from cell to cell would draw the grid into the
     picture. The map of the breast asked for last is kept as long as that breast is.
     """
-    if not _latest or _latest[0][0]() is not squeezed:
-        _latest[:] = [(ref(squeezed, lambda gone: _latest.clear()), _made_map(squeezed))]
+    if not _latest or _latest[0][0]() is not compressed:
+        _latest[:] = [(ref(compressed, lambda gone: _latest.clear()), _made_map(compressed))]
     return _latest[0][1]
 
 
-def _made_map(squeezed: CompressedBreast) -> VoxelMap:
-    inverse = squeezed.inverse
+def _made_map(compressed: CompressedBreast) -> VoxelMap:
+    inverse = compressed.inverse
     if min(inverse.frame.shape) < 2:
         raise InputError(
             f"inverse map: found {inverse.frame.shape} nodes, expected at least 2 along each axis"
         )
-    nodes = voxels_at(squeezed, inverse)
+    nodes = voxels_at(compressed, inverse)
     cells = tuple(size - 1 for size in inverse.frame.shape)
     ratio = np.empty(cells, dtype=np.float64)
     tissue = np.empty(cells, dtype=np.uint8)
-    measure_cells(nodes, squeezed.phantom.labels, ratio, tissue)
+    measure_cells(nodes, compressed.phantom.labels, ratio, tissue)
     if not tissue.any():
         raise InputError("inverse map: found no tissue in it, expected the compressed breast")
-    ratio *= np.prod(squeezed.phantom.voxel_mm) / np.prod(inverse.frame.spacing_mm)
+    ratio *= np.prod(compressed.phantom.voxel_mm) / np.prod(inverse.frame.spacing_mm)
     density = np.clip(ratio, *DENSITY_LIMITS)
     clipped = tissue[(density != ratio) & np.isfinite(ratio)].sum(dtype=np.int64)
     nodes[..., 3] = _at_nodes(density, tissue)
     return VoxelMap(inverse.frame, nodes, tissue > 0, float(clipped / tissue.sum(dtype=np.int64)))
 
 
-def voxels_at(squeezed: CompressedBreast, inverse: InverseMap) -> NDArray[np.float32]:
+def voxels_at(compressed: CompressedBreast, inverse: InverseMap) -> NDArray[np.float32]:
     """Nodes [x, y, z, 4] of an inverse map with the fractional voxel of each and density 1."""
-    phantom, original = squeezed.phantom, inverse.original_mm
+    phantom, original = compressed.phantom, inverse.original_mm
     nodes = np.ones((*original.shape[:3], 4), dtype=np.float32)
     for plane, place_mm in zip(nodes, original, strict=True):  # a plane at a time spares memory
-        index = phantom.frame.index(squeezed.view.breast_from_compression(place_mm))
+        index = phantom.frame.index(compressed.view.breast_from_compression(place_mm))
         plane[..., :3] = index + 0.5
     return nodes
 

@@ -13,7 +13,7 @@ from mammosim.geometry import VoxelFrame
 from mammosim.projection._grid_kernels import carry_labels
 from mammosim.projection.voxel_map import VoxelMap, voxel_map, voxels_at
 
-MOST_VOXELS = 200_000_000
+MAX_VOXELS = 200_000_000
 """Most voxels that are made unasked: 200 MB of labels, which viewers still open."""
 
 MAP_SPACING_MM = 0.75
@@ -23,16 +23,16 @@ MAP_SPACING_MM = 0.75
 
 
 def compressed_labels(
-    squeezed: CompressedBreast, voxel_mm: float | None = None
+    compressed: CompressedBreast, voxel_mm: float | None = None
 ) -> tuple[NDArray[np.uint8], VoxelFrame]:
     """Labels of the compressed breast on a regular grid of cubic voxels.
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     voxel_mm : float, optional
         Voxel size, mm. Left out, the phantom's own smallest voxel, or as much more as keeps the
-        array below `MOST_VOXELS`.
+        array below `MAX_VOXELS`.
 
     Returns
     -------
@@ -54,15 +54,15 @@ def compressed_labels(
     """
     if voxel_mm is not None and not voxel_mm > 0.0:
         raise InputError(f"voxel_mm: found {voxel_mm}, expected a length above 0 mm")
-    mapped = voxel_map(squeezed)
+    mapped = voxel_map(compressed)
     low, high = _tissue_box_mm(mapped)
     if voxel_mm is None:
-        voxel_mm = _affordable(float(min(squeezed.phantom.voxel_mm)), high - low)
+        voxel_mm = _affordable(float(min(compressed.phantom.voxel_mm)), high - low)
     nx, ny, nz = (max(math.ceil(length / voxel_mm - 1e-6), 1) for length in high - low)
     # Centred on the box, so that no more than half a voxel stands out on either side.
     origin = 0.5 * (low + high) - 0.5 * voxel_mm * (np.array([nx, ny, nz]) - 1)
     frame = VoxelFrame(origin, np.full(3, voxel_mm), (nx, ny, nz))
-    map_frame, nodes = _fine_nodes(squeezed, mapped)
+    map_frame, nodes = _fine_nodes(compressed, mapped)
     axes = [
         np.clip(
             map_frame.index(frame.position_mm(np.arange(count)[:, None]))[:, axis],
@@ -72,19 +72,19 @@ def compressed_labels(
         for axis, count in enumerate(frame.shape)
     ]
     labels = np.empty(frame.shape, dtype=np.uint8)
-    carry_labels(*axes, nodes, squeezed.phantom.labels, labels)
+    carry_labels(*axes, nodes, compressed.phantom.labels, labels)
     return labels, frame
 
 
 def _fine_nodes(
-    squeezed: CompressedBreast, mapped: VoxelMap
+    compressed: CompressedBreast, mapped: VoxelMap
 ) -> tuple[VoxelFrame, NDArray[np.float32]]:
     """Nodes of an inverse map of about `MAP_SPACING_MM`: those available, or computed."""
     per_cell = round(float(max(mapped.frame.spacing_mm)) / MAP_SPACING_MM)
-    if per_cell < 2 or not squeezed.is_compressed:
+    if per_cell < 2 or not compressed.is_compressed:
         return mapped.frame, mapped.nodes
-    inverse = squeezed.field.inverse_with(per_cell)
-    return inverse.frame, voxels_at(squeezed, inverse)
+    inverse = compressed.field.inverse_with(per_cell)
+    return inverse.frame, voxels_at(compressed, inverse)
 
 
 def _tissue_box_mm(mapped: VoxelMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -100,4 +100,4 @@ def _tissue_box_mm(mapped: VoxelMap) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 def _affordable(voxel_mm: float, extent_mm: NDArray[np.float64]) -> float:
     """The voxel size, enlarged where the box would hold too many voxels."""
-    return max(voxel_mm, float(np.cbrt(np.prod(extent_mm + voxel_mm) / MOST_VOXELS)))
+    return max(voxel_mm, float(np.cbrt(np.prod(extent_mm + voxel_mm) / MAX_VOXELS)))

@@ -38,7 +38,7 @@ A_LESION = (
 )
 """Numbers of a lesion in a view."""
 
-MOST_LISTED = 200
+MAX_LISTED = 200
 """Warnings, and failures, that the page lists; their files have all."""
 
 _NO_LESION = ("nipple", "landmark")
@@ -114,7 +114,7 @@ def render_cohort(
             f"{counted(int(lesion.sum()), 'lesion')} seen in a view each",
             f"{counted(len(failures), 'patient')} failed",
         ],
-        groups=shown, rows=rows, failures=failures, most=MOST_LISTED, links=links, sheet=sheet,
+        groups=shown, rows=rows, failures=failures, most=MAX_LISTED, links=links, sheet=sheet,
         warned=patients_beyond(warnings),
         warnings=[(index, text) for index, found in warnings.items() for text in found],
     )  # fmt: skip

@@ -11,7 +11,7 @@ from PIL import Image
 
 from mammosim.report.figures import jpeg_data_uri
 
-MOST_PATIENTS = 24
+MAX_PATIENTS = 24
 """Patients that are shown: about a quarter of a megabyte."""
 
 ROWS = 200
@@ -51,7 +51,7 @@ def contact_sheet(cohort: Path, patients: Sequence[tuple[int, Path]]) -> list[Th
     list of Thumbnails
     """
     shown = []
-    for number, folder in patients[:MOST_PATIENTS]:
+    for number, folder in patients[:MAX_PATIENTS]:
         previews = sorted(folder.glob("*/preview.png"))
         if previews:
             report = folder / "report.html"

@@ -71,9 +71,9 @@ def exposure_rows(mammograms: Sequence[Mammogram]) -> list[Row]:
 def main_rows(views: Sequence[ReportedView]) -> list[Row]:
     """One text per view: the main numbers."""
     taken = [view.mammogram for view in views]
-    forces = [view.squeezed.measures.get("force_n") for view in views]
+    forces = [view.compressed.measures.get("force_n") for view in views]
     return [
-        ("Compressed thickness", "mm", [number(view.squeezed.thickness_mm, 1) for view in views]),
+        ("Compressed thickness", "mm", [number(view.compressed.thickness_mm, 1) for view in views]),
         ("Force on the paddle", "N", [number(force, 1) for force in forces]),
         ("Tube load", "mAs", [number(m.mas if m else None, 1) for m in taken]),
         ("Mean glandular dose", "mGy", [number(m.dose_mgy if m else None, 2) for m in taken]),

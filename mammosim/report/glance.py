@@ -9,7 +9,7 @@ from typing import Any
 
 from mammosim.report.facts import lesions_seen
 from mammosim.report.hanging import ReportedView, dose_text
-from mammosim.targets import ShiftAnswers, ShiftUncertainty, Target
+from mammosim.targets import LesionShiftResults, ShiftUncertainty, Target
 
 MAX_LESIONS = 6
 """Lesions in the list; the table has all."""
@@ -41,10 +41,10 @@ class Glance:
 
 
 def glance(
-    views: Sequence[ReportedView], targets: Sequence[Target], answers: ShiftAnswers
+    views: Sequence[ReportedView], targets: Sequence[Target], answers: LesionShiftResults
 ) -> Glance:
     """Gather the lists; views are in the page's order."""
-    seen = [view.squeezed.view for view in views]
+    seen = [view.compressed.view for view in views]
     lesions = [entry for entry in lesions_seen(seen, targets) if entry["first"].is_lesion]
     moved = [_moved(entry) for entry in lesions[:MAX_LESIONS]]
     dose = [_dose(view) for view in views]
@@ -62,27 +62,27 @@ def _moved(entry: dict[str, Any]) -> Line:
 
 
 def _dose(view: ReportedView) -> Line:
-    squeezed, mammogram = view.squeezed, view.mammogram
-    parts = [f"{squeezed.thickness_mm:.1f} mm thick"]
-    force = squeezed.measures.get("force_n", math.nan)
+    compressed, mammogram = view.compressed, view.mammogram
+    parts = [f"{compressed.thickness_mm:.1f} mm thick"]
+    force = compressed.measures.get("force_n", math.nan)
     if math.isfinite(force):
         parts.append(f"{force:.0f} N")
     parts.append(dose_text(mammogram) if mammogram else "no image was made")
-    return Line(squeezed.view.folder, ", ".join(parts))
+    return Line(compressed.view.folder, ", ".join(parts))
 
 
 def _equilibrium(view: ReportedView) -> Line:
-    squeezed = view.squeezed
-    if not squeezed.converged:
-        return Line(squeezed.view.folder, "did not converge: do not rely on it")
-    mean, largest = squeezed.error_mm
+    compressed = view.compressed
+    if not compressed.converged:
+        return Line(compressed.view.folder, "did not converge: do not rely on it")
+    mean, largest = compressed.error_mm
     if math.isfinite(mean) and math.isfinite(largest):
         average = "less than 0.01" if mean < 0.01 else f"{mean:.2f}"
         bound = f"within {max(largest, 0.01):.2f} mm of the model's equilibrium"
         text = f"{bound}, {average} mm on average"
     else:
         text = "converged"
-    return Line(squeezed.view.folder, text)
+    return Line(compressed.view.folder, text)
 
 
 def _spread(

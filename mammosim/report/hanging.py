@@ -30,14 +30,14 @@ class ReportedView:
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     mammogram : Mammogram or None
         None where the run stopped before the exposure.
     reconstruction : Reconstruction or None
         Slices of a series of projections, where they were asked for.
     """
 
-    squeezed: CompressedBreast
+    compressed: CompressedBreast
     mammogram: Mammogram | None = None
     reconstruction: Reconstruction | None = None
 
@@ -83,7 +83,7 @@ class Picture:
 
 def hanging_order(view: ReportedView) -> tuple[bool, int, int]:
     """CC above MLO above ML; right before left; views with a name of their own come last."""
-    seen = view.squeezed.view
+    seen = view.compressed.view
     return bool(seen.title), _VIEW_ORDER.index(seen.name), "RL".index(seen.laterality)
 
 
@@ -105,7 +105,7 @@ def hanging(
         One entry a row, with the pictures of its `right` and `left` half. Views of one breast
         alone share one row.
     """
-    here = [targets_of(view.squeezed.view, targets) for view in views]
+    here = [targets_of(view.compressed.view, targets) for view in views]
     crops = _crops(views, here)
     pictures = [
         _picture(view, rows, crop, settings)
@@ -140,7 +140,7 @@ def _picture(
 ) -> Picture:
     if view.mammogram:
         return _exposed(view.mammogram, here, crop, settings)
-    name, thickness = view.squeezed.view.folder, f"{view.squeezed.thickness_mm:.1f} mm"
+    name, thickness = view.compressed.view.folder, f"{view.compressed.thickness_mm:.1f} mm"
     return Picture(name, name[0], thickness, "", "", crop, [], [], 0.0, 0.0)
 
 

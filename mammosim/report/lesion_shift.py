@@ -11,7 +11,7 @@ from mammosim.report.hanging import ReportedView, targets_of
 from mammosim.report.planes import FRAMES, Drawing, drawings
 from mammosim.report.settings import ReportSettings
 from mammosim.report.solid import plotly_gzip_base64, solid
-from mammosim.targets import BiopsyResult, RuleError, ShiftAnswers, ShiftUncertainty, Target
+from mammosim.targets import BiopsyResult, LesionShiftResults, RuleError, ShiftUncertainty, Target
 
 
 @dataclass(frozen=True)
@@ -59,19 +59,19 @@ class ShiftSection:
 def shift_section(
     views: Sequence[ReportedView],
     targets: Sequence[Target],
-    answers: ShiftAnswers,
+    answers: LesionShiftResults,
     settings: ReportSettings,
 ) -> ShiftSection:
     """Gather the section; views without rows in the table are drawn without targets."""
     drawn, data = {}, {}
     for view in views:
-        squeezed = view.squeezed
-        here = targets_of(squeezed.view, targets)
-        name = squeezed.view.folder
-        drawn[name] = drawings(squeezed, here)
+        compressed = view.compressed
+        here = targets_of(compressed.view, targets)
+        name = compressed.view.folder
+        drawn[name] = drawings(compressed, here)
         data[name] = {
             "planes": [_frames(drawing) for drawing in drawn[name]],
-            "solid": solid(squeezed, here) if settings.three_d else None,
+            "solid": solid(compressed, here) if settings.three_d else None,
         }
     library = plotly_gzip_base64() if settings.three_d and drawn else ""
     return ShiftSection(
@@ -80,7 +80,7 @@ def shift_section(
     )  # fmt: skip
 
 
-def posture_places(answers: ShiftAnswers) -> tuple[PosturePlace, ...]:
+def posture_places(answers: LesionShiftResults) -> tuple[PosturePlace, ...]:
     """Targets of a biopsy or operation in a posture, each with the spread of its place."""
     spreads = {(row.target_id, row.view): row for row in answers.uncertainty}
     return tuple(

@@ -14,7 +14,7 @@ from mammosim.geometry import Gantry
 from mammosim.report.labels import Label, Marked, place_labels, sampled
 from mammosim.targets import Target
 
-_LEAST_RADIUS_MM = 5.0  # a circle smaller than a fingertip is overlooked
+_MIN_RADIUS_MM = 5.0  # a circle smaller than a fingertip is overlooked
 _MARGIN_MM = 2.0  # the circle must not hide the lesion's edge
 _RING_MM = 20.0  # rings of the frontal drawing
 _HOUR_FONT, _DOT_FONT, _DOT_RADIUS = 1 / 15, 0.06, 0.02  # of half its side
@@ -90,8 +90,8 @@ def _marker(target: Target, gantry: Gantry) -> Marker:
 def _radius_mm(target: Target) -> float:
     """Radius of a circle around a lesion: half its extent and a margin."""
     if not math.isfinite(target.extent_mm):
-        return _LEAST_RADIUS_MM
-    return max(_LEAST_RADIUS_MM, 0.5 * target.extent_mm + _MARGIN_MM)
+        return _MIN_RADIUS_MM
+    return max(_MIN_RADIUS_MM, 0.5 * target.extent_mm + _MARGIN_MM)
 
 
 def shift_arrows(

@@ -58,7 +58,7 @@ def mammogram_html(mammogram: Mammogram) -> str:
 def study_html(views: Sequence[ReportedView], targets: Sequence[Target]) -> str:
     """All mammograms with their lesions, each lesion's shift, and the main numbers."""
     ordered = sorted(views, key=hanging_order)
-    seen = [view.squeezed.view for view in ordered]
+    seen = [view.compressed.view for view in ordered]
     rows = main_rows(ordered)
     return _filled(
         "Study", rows, names=[view.folder for view in seen],

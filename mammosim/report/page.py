@@ -21,7 +21,7 @@ from mammosim.report.realism import appearance_findings, realism
 from mammosim.report.settings import ReportSettings
 from mammosim.report.slices import slice_stacks
 from mammosim.report.templates import template
-from mammosim.targets import ShiftAnswers, Target
+from mammosim.targets import LesionShiftResults, Target
 
 _SIDES = {"L": "Left breast", "R": "Right breast"}
 _STATUS = {
@@ -37,7 +37,7 @@ def render_report(
     record: Mapping[str, Any],
     settings: ReportSettings | None = None,
     title: str = "",
-    answers: ShiftAnswers | None = None,
+    answers: LesionShiftResults | None = None,
 ) -> str:
     """Make the report's page.
 
@@ -52,7 +52,7 @@ def render_report(
     settings : ReportSettings, optional
     title : str
         Name of the run, as the configuration's.
-    answers : ShiftAnswers, optional
+    answers : LesionShiftResults, optional
         Rules between views, biopsy and uncertainty.
 
     Returns
@@ -62,7 +62,7 @@ def render_report(
     """
     settings = settings or ReportSettings()
     ordered = sorted(views, key=hanging_order)
-    lesions = lesions_seen([view.squeezed.view for view in ordered], targets)
+    lesions = lesions_seen([view.compressed.view for view in ordered], targets)
     return template("template.html").render(
         title=title,
         headline=_headline(ordered),
@@ -70,15 +70,15 @@ def render_report(
         status=_STATUS.get(record.get("status", "done"), ""),
         warnings=_warnings(ordered, record),
         hanging=hanging(ordered, targets, settings),
-        glance=glance(ordered, targets, answers or ShiftAnswers()),
+        glance=glance(ordered, targets, answers or LesionShiftResults()),
         stacks=slice_stacks(ordered, targets),
         lesions=lesions,
         shift_views=_shift_views(ordered, targets),
-        shift=shift_section(ordered, targets, answers or ShiftAnswers(), settings),
-        view_names=[view.squeezed.view.folder for view in ordered],
-        compression=compression_rows([view.squeezed for view in ordered]),
+        shift=shift_section(ordered, targets, answers or LesionShiftResults(), settings),
+        view_names=[view.compressed.view.folder for view in ordered],
+        compression=compression_rows([view.compressed for view in ordered]),
         convergence=_convergence(ordered),
-        exposed=[view.squeezed.view.folder for view in ordered if view.mammogram],
+        exposed=[view.compressed.view.folder for view in ordered if view.mammogram],
         realism=_realism_rows(ordered),
         appearance=_appearance_rows(ordered),
         exposure=exposure_rows([view.mammogram for view in ordered if view.mammogram]),
@@ -91,8 +91,8 @@ def render_report(
 def _headline(views: Sequence[ReportedView]) -> str:
     if not views:
         return "Simulated mammography"
-    sides = dict.fromkeys(_SIDES[view.squeezed.view.laterality] for view in views)
-    names = dict.fromkeys(view.squeezed.view.name for view in views)
+    sides = dict.fromkeys(_SIDES[view.compressed.view.laterality] for view in views)
+    names = dict.fromkeys(view.compressed.view.name for view in views)
     breast = "Both breasts" if len(sides) == 2 else next(iter(sides))
     return f"{breast}, {' and '.join(names)}"
 
@@ -101,9 +101,9 @@ def _case(views: Sequence[ReportedView], lesions: Sequence[dict[str, Any]]) -> s
     """The case in one line."""
     if not views:
         return "No view was computed."
-    parts = [views[0].squeezed.phantom.source or "phantom of unknown source"]
+    parts = [views[0].compressed.phantom.source or "phantom of unknown source"]
     thicknesses = [
-        f"{view.squeezed.view.folder} {view.squeezed.thickness_mm:.1f} mm" for view in views
+        f"{view.compressed.view.folder} {view.compressed.thickness_mm:.1f} mm" for view in views
     ]
     parts.append("compressed to " + ", ".join(thicknesses))
     mammograms = [view.mammogram for view in views if view.mammogram]
@@ -119,8 +119,8 @@ def _warnings(views: Sequence[ReportedView], record: Mapping[str, Any]) -> list[
     """Every warning once: the record's own, the phantom's and each view's."""
     found: list[str] = list(record.get("warnings", ()))
     for view in views:
-        found += view.squeezed.phantom.notes
-        found += view.squeezed.notes
+        found += view.compressed.phantom.notes
+        found += view.compressed.notes
         found += view.mammogram.notes if view.mammogram else ()
     return list(dict.fromkeys(found))
 
@@ -128,13 +128,13 @@ def _warnings(views: Sequence[ReportedView], record: Mapping[str, Any]) -> list[
 def _shift_views(views: Sequence[ReportedView], targets: Sequence[Target]) -> list[dict[str, Any]]:
     """The frontal drawing of each breast: where targets were, and where each view moved them."""
     drawings = []
-    for side in dict.fromkeys(view.squeezed.view.laterality for view in views):
-        of_side = [view.squeezed for view in views if view.squeezed.view.laterality == side]
+    for side in dict.fromkeys(view.compressed.view.laterality for view in views):
+        of_side = [view.compressed for view in views if view.compressed.view.laterality == side]
         rows = {
-            squeezed.view.folder: [
-                row for row in targets_of(squeezed.view, targets) if row.kind != "nipple"
+            compressed.view.folder: [
+                row for row in targets_of(compressed.view, targets) if row.kind != "nipple"
             ]
-            for squeezed in of_side
+            for compressed in of_side
         }
         if any(rows.values()):
             drawing = shift_arrows(rows, of_side[0].phantom.nipple_mm)
@@ -146,17 +146,17 @@ def _convergence(views: Sequence[ReportedView]) -> list[tuple[str, int, Markup]]
     """Name, number of rows and drawing of each view that has a history."""
     drawn = []
     for view in views:
-        name = view.squeezed.view.folder
-        svg = convergence_svg(view.squeezed.history, name)
+        name = view.compressed.view.folder
+        svg = convergence_svg(view.compressed.history, name)
         if svg:
             # Drawn by matplotlib from column names and numbers, which it escapes itself.
-            drawn.append((name, len(view.squeezed.history), Markup(svg)))
+            drawn.append((name, len(view.compressed.history), Markup(svg)))
     return drawn
 
 
 def _realism_rows(views: Sequence[ReportedView]) -> list[dict[str, Any]]:
     """One row a quantity, with what each exposed view has of it."""
-    of_view = [realism(view.squeezed, view.mammogram) for view in views if view.mammogram]
+    of_view = [realism(view.compressed, view.mammogram) for view in views if view.mammogram]
     return [
         {"name": row[0].name, "unit": row[0].unit, "source": row[0].source, "findings": row}
         for row in zip(*of_view, strict=True)
@@ -166,7 +166,7 @@ def _realism_rows(views: Sequence[ReportedView]) -> list[dict[str, Any]]:
 def _appearance_rows(views: Sequence[ReportedView]) -> list[dict[str, Any]]:
     """One row a measure, with what each exposed view has of it; None where it has no range."""
     of_view = [
-        appearance_findings(view.squeezed.view.name, view.mammogram)
+        appearance_findings(view.compressed.view.name, view.mammogram)
         for view in views
         if view.mammogram
     ]

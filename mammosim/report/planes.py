@@ -61,12 +61,12 @@ class Drawing:
         return _DOT_FONTS * self.height / _FONTS
 
 
-def drawings(squeezed: CompressedBreast, targets: Sequence[Target]) -> list[Drawing]:
+def drawings(compressed: CompressedBreast, targets: Sequence[Target]) -> list[Drawing]:
     """Cut a view's breast along three planes, at each step of its compression.
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     targets : sequence of Target
         Of this view.
 
@@ -82,7 +82,7 @@ def drawings(squeezed: CompressedBreast, targets: Sequence[Target]) -> list[Draw
     interpolated for display only, not a solution of the model at a lesser compression.
     """
     drawn = []
-    for plane, box, greys in moved_sections(squeezed, np.linspace(0.0, 1.0, FRAMES).tolist()):
+    for plane, box, greys in moved_sections(compressed, np.linspace(0.0, 1.0, FRAMES).tolist()):
         frames = tuple(jpeg_data_uri(grey) for grey in greys)
         drawn.append(Drawing(plane, *box.sides, frames, tuple(_moved(plane, targets, box))))
     return drawn

@@ -18,7 +18,7 @@ from mammosim.report.texture import power_law_exponent
 Basis = Literal["published", "expected", "measured"]
 
 # Below this the detector would get too little; assumed, from the least of clinical surveys.
-_LEAST_DOSE_MGY = 0.4
+_MIN_DOSE_MGY = 0.4
 
 # Standard deviation of the thickness of breasts of one volume (M-PACT's fit, see compression).
 _THICKNESS_SPREAD = 0.09
@@ -94,12 +94,12 @@ _DOSE_PER_KERMA = (0.06, 0.75)
 _SCATTER_RATIO = (0.24, 1.1)
 
 
-def realism(squeezed: CompressedBreast, mammogram: Mammogram) -> list[Finding]:
+def realism(compressed: CompressedBreast, mammogram: Mammogram) -> list[Finding]:
     """Numbers that tell whether a view could be a real one.
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     mammogram : Mammogram
         Of the same view.
 
@@ -111,7 +111,7 @@ def realism(squeezed: CompressedBreast, mammogram: Mammogram) -> list[Finding]:
     found: tuple[Callable[[CompressedBreast, Mammogram], Finding], ...] = (
         _texture, _density, _thickness, _force, _pressure, _dose, _dose_per_kerma, _scatter, _noise,
     )  # fmt: skip
-    return [one(squeezed, mammogram) for one in found]
+    return [one(compressed, mammogram) for one in found]
 
 
 def appearance_findings(view: str, mammogram: Mammogram) -> dict[str, Finding]:
@@ -142,7 +142,7 @@ def appearance_findings(view: str, mammogram: Mammogram) -> dict[str, Finding]:
     }  # fmt: skip
 
 
-def _texture(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
+def _texture(compressed: CompressedBreast, mammogram: Mammogram) -> Finding:
     return Finding(
         "Exponent of the texture's power spectrum", "", power_law_exponent(mammogram), 1.5, 3.5,
         "Burgess 2003 (Proc SPIE 5034): 1.5 to 3.5 over normal mammograms, 2.8 on average; "
@@ -150,51 +150,51 @@ def _texture(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
     )  # fmt: skip
 
 
-def _density(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
+def _density(compressed: CompressedBreast, mammogram: Mammogram) -> Finding:
     value = mammogram.measures.get("volumetric_density_percent", math.nan)
     return Finding(
         "Volumetric density, skin included", "%", value, *PUBLISHED["volumetric_density_percent"],
     )  # fmt: skip
 
 
-def _thickness(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
-    volume = breast_volume_ml(squeezed.phantom)
-    usual = population_thickness_mm(squeezed.view.name, volume)
+def _thickness(compressed: CompressedBreast, mammogram: Mammogram) -> Finding:
+    volume = breast_volume_ml(compressed.phantom)
+    usual = population_thickness_mm(compressed.view.name, volume)
     return Finding(
-        "Compressed thickness", "mm", squeezed.thickness_mm,
+        "Compressed thickness", "mm", compressed.thickness_mm,
         usual * (1.0 - 2.0 * _THICKNESS_SPREAD), usual * (1.0 + 2.0 * _THICKNESS_SPREAD),
         f"population fit of M-PACT for this breast's {volume:.0f} mL, two standard deviations of "
         "9 % either way",
     )  # fmt: skip
 
 
-def _force(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
+def _force(compressed: CompressedBreast, mammogram: Mammogram) -> Finding:
     return Finding(
-        "Force on the paddle", "N", squeezed.measures.get("force_n", math.nan),
+        "Force on the paddle", "N", compressed.measures.get("force_n", math.nan),
         *PUBLISHED["force_n"], 0,
     )  # fmt: skip
 
 
-def _pressure(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
-    high = 21.3 * 1.54 if squeezed.view.name == "CC" else 14.2 * 1.32
+def _pressure(compressed: CompressedBreast, mammogram: Mammogram) -> Finding:
+    high = 21.3 * 1.54 if compressed.view.name == "CC" else 14.2 * 1.32
     return Finding(
-        "Mean pressure under the paddle", "kPa", squeezed.measures.get("pressure_kpa", math.nan),
+        "Mean pressure under the paddle", "kPa", compressed.measures.get("pressure_kpa", math.nan),
         7.0, high,
         "de Groot et al. 2013 (Med Phys 40:081901): CC 21.3 ± 11.5, MLO 14.2 ± 4.5 kPa under "
         "18 daN, to one standard deviation above; 7 to 15 kPa is what is aimed at",
     )  # fmt: skip
 
 
-def _dose(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
+def _dose(compressed: CompressedBreast, mammogram: Mammogram) -> Finding:
     limit = dose_limit_mgy(mammogram.thickness_mm)
     return Finding(
-        "Mean glandular dose", "mGy", mammogram.dose_mgy, _LEAST_DOSE_MGY, limit,
+        "Mean glandular dose", "mGy", mammogram.dose_mgy, _MIN_DOSE_MGY, limit,
         "European guidelines, 4th edition: acceptable level at this thickness; the lower end is "
         "assumed", 2,
     )  # fmt: skip
 
 
-def _dose_per_kerma(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
+def _dose_per_kerma(compressed: CompressedBreast, mammogram: Mammogram) -> Finding:
     value = (
         mammogram.dose_mgy / mammogram.air_kerma_mgy if mammogram.air_kerma_mgy > 0.0 else math.nan
     )
@@ -205,7 +205,7 @@ def _dose_per_kerma(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding
     )  # fmt: skip
 
 
-def _scatter(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
+def _scatter(compressed: CompressedBreast, mammogram: Mammogram) -> Finding:
     return Finding(
         "Scatter over primary without a grid", "",
         mammogram.measures.get("scatter_to_primary_ratio", math.nan), *_SCATTER_RATIO,
@@ -214,7 +214,7 @@ def _scatter(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
     )  # fmt: skip
 
 
-def _noise(squeezed: CompressedBreast, mammogram: Mammogram) -> Finding:
+def _noise(compressed: CompressedBreast, mammogram: Mammogram) -> Finding:
     # Relative quantum noise goes with one over the pixel's side.
     scale = _NOISE_PIXEL_MM / mammogram.gantry.pixel_mm
     value = 100.0 * mammogram.measures.get("relative_quantum_noise", math.nan)

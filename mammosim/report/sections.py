@@ -113,13 +113,13 @@ def breast_sections(
 
 
 def moved_sections(
-    squeezed: CompressedBreast, shares: Sequence[float]
+    compressed: CompressedBreast, shares: Sequence[float]
 ) -> list[tuple[Plane, Box, list[NDArray[np.uint8]]]]:
     """Each plane of `PLANES` through a breast as it is compressed: its box, and grey levels.
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     shares : sequence of float
         Parts of the displacement that tissue has moved by, 0 to 1; grey levels are given for each.
 
@@ -127,13 +127,13 @@ def moved_sections(
     -----
     The planes pass through `middle_mm` and move with the tissue there.
     """
-    phantom, start = squeezed.phantom, middle_mm(squeezed.phantom)
-    shift = squeezed.displacement_at(start)[0]
+    phantom, start = compressed.phantom, middle_mm(compressed.phantom)
+    shift = compressed.displacement_at(start)[0]
     steps = [
-        (start + share * shift, interpolated_field(squeezed.field, share) if share else None)
+        (start + share * shift, interpolated_field(compressed.field, share) if share else None)
         for share in shares
     ]
-    corners = _moved_corners_mm(squeezed)
+    corners = _moved_corners_mm(compressed)
     found = []
     for plane in PLANES:
         box = _box_around(plane, corners)
@@ -233,9 +233,9 @@ def interpolated_field(field: DisplacementField, share: float) -> DisplacementFi
     return replace(field, frame=frame, displacement_mm=displacement, tissue=field.tissue[some])
 
 
-def _moved_corners_mm(squeezed: CompressedBreast) -> NDArray[np.float64]:
+def _moved_corners_mm(compressed: CompressedBreast) -> NDArray[np.float64]:
     """(n, 3) points around the breast before and after compression, breast frame, mm."""
-    field = interpolated_field(squeezed.field, 1.0)
+    field = interpolated_field(compressed.field, 1.0)
     points = field.frame.position_mm(np.argwhere(field.tissue))
     moved = points + field.displacement_mm[field.tissue]
     return np.concatenate([points, moved]) @ field.rotation

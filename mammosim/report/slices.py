@@ -42,7 +42,7 @@ def slice_stacks(views: Sequence[ReportedView], targets: Sequence[Target]) -> li
     stacks = []
     for view in views:
         if view.reconstruction is not None:
-            seen = view.squeezed.view
+            seen = view.compressed.view
             stacks.append(_stack(view.reconstruction, seen.folder, targets_of(seen, targets)))
     return stacks
 

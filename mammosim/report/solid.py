@@ -31,7 +31,7 @@ def plotly_gzip_base64() -> str:
     return base64.b64encode(gzip.compress(library, 9, mtime=0)).decode("ascii")
 
 
-def solid(squeezed: CompressedBreast, targets: Sequence[Target]) -> dict[str, Any]:
+def solid(compressed: CompressedBreast, targets: Sequence[Target]) -> dict[str, Any]:
     """What the 3-D view of one view draws, breast frame, mm, in plain values.
 
     Returns
@@ -40,8 +40,8 @@ def solid(squeezed: CompressedBreast, targets: Sequence[Target]) -> dict[str, An
         `skin` and `skin_shift`: x, y, z each [ring][ray]; `targets`: number, name, kind, place and
         shift of each.
     """
-    surface = skin_surface(squeezed.phantom)
-    shift = squeezed.displacement_at(surface.reshape(-1, 3)).reshape(surface.shape)
+    surface = skin_surface(compressed.phantom)
+    shift = compressed.displacement_at(surface.reshape(-1, 3)).reshape(surface.shape)
     return {
         "skin": [_plain(surface[..., axis]) for axis in range(3)],
         "skin_shift": [_plain(shift[..., axis]) for axis in range(3)],

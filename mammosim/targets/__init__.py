@@ -1,23 +1,22 @@
 """Where lesions, landmarks and the nipple are: before, after, and on the image."""
 
 from mammosim.targets.anatomy import clock_position
-from mammosim.targets.answers import ShiftAnswers
 from mammosim.targets.biopsy import BiopsyResult, aim_needles
-from mammosim.targets.doubts import target_doubts
 from mammosim.targets.find import find_targets
 from mammosim.targets.in_volume import in_volume
 from mammosim.targets.keys import TargetsKeys
+from mammosim.targets.lesion_shift_results import LesionShiftResults
 from mammosim.targets.lesion_voxels import touching_lesions
 from mammosim.targets.locate import (
+    ImagePoint,
     Located,
     RayCurve,
-    Sight,
     curve_of,
     point_at_height,
-    point_from_sights,
+    point_from_image_points,
     stereotactic,
 )
-from mammosim.targets.origins import Origin, mean_shift_mm, target_origins
+from mammosim.targets.origins import UncompressedTarget, mean_shift_mm, target_origins
 from mammosim.targets.settings import BiopsySettings, TargetsSettings, UncertaintySettings
 from mammosim.targets.target import Target
 from mammosim.targets.uncertainty import (
@@ -27,21 +26,22 @@ from mammosim.targets.uncertainty import (
     uncertainties,
 )
 from mammosim.targets.view_rules import RuleError, rule_errors
+from mammosim.targets.warnings import target_warnings
 
 __all__ = [
     "BiopsyResult",
     "BiopsySettings",
+    "ImagePoint",
+    "LesionShiftResults",
     "Located",
-    "Origin",
     "RayCurve",
     "RuleError",
-    "ShiftAnswers",
     "ShiftUncertainty",
-    "Sight",
     "Target",
     "TargetsKeys",
     "TargetsSettings",
     "UncertaintySettings",
+    "UncompressedTarget",
     "aim_needles",
     "clock_position",
     "curve_of",
@@ -50,12 +50,12 @@ __all__ = [
     "in_volume",
     "mean_shift_mm",
     "point_at_height",
-    "point_from_sights",
+    "point_from_image_points",
     "rule_errors",
     "sampled_shifts",
     "stereotactic",
-    "target_doubts",
     "target_origins",
+    "target_warnings",
     "touching_lesions",
     "uncertainties",
 ]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mammosim.compression import CompressedBreast
 from mammosim.phantom import BreastPhantom, tissue_at
-from mammosim.targets.origins import Origin, mean_shift_mm, target_origins
+from mammosim.targets.origins import UncompressedTarget, mean_shift_mm, target_origins
 from mammosim.targets.target import Target
 
 
@@ -50,7 +50,7 @@ class BiopsyResult:
 
 
 def aim_needles(
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     targets: Sequence[Target],
     biopsy: CompressedBreast,
     needle: str = "vertical",
@@ -59,7 +59,7 @@ def aim_needles(
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
         As for the mammogram.
     targets : sequence of Target
         Of that view, as `find_targets` gave them.
@@ -86,10 +86,10 @@ def aim_needles(
     there. Not modelled: bending of needle and tissue before the needle, the cavity and the
     bleeding into it, which let real clips slip along the needle's track.
     """
-    origins = target_origins(squeezed.phantom)
+    origins = target_origins(compressed.phantom)
     then = [mean_shift_mm(biopsy.field, origin) for origin in origins]
     nipple_then, nipple_seen = then[-1], targets[-1].shift_vector_mm
-    direction = needle_direction(squeezed, biopsy, needle)
+    direction = needle_direction(compressed, biopsy, needle)
     rows = []
     for target, origin, shift in zip(targets[:-1], origins[:-1], then[:-1], strict=True):
         miss = miss_mm(target.shift_vector_mm, nipple_seen, shift, nipple_then)
@@ -119,10 +119,10 @@ def miss_mm(
 
 
 def needle_direction(
-    squeezed: CompressedBreast, biopsy: CompressedBreast, needle: str
+    compressed: CompressedBreast, biopsy: CompressedBreast, needle: str
 ) -> NDArray[np.float64]:
     """(3,) unit vector along which the needle goes in, breast frame."""
-    held = biopsy if biopsy.is_compressed else squeezed
+    held = biopsy if biopsy.is_compressed else compressed
     _, along_wall, normal = held.view.rotation
     return along_wall if needle == "lateral" else -normal
 
@@ -162,7 +162,7 @@ def _missed(
 
 def _clip(
     target: Target,
-    origin: Origin,
+    origin: UncompressedTarget,
     place: NDArray[np.float64],
     miss: NDArray[np.float64],
     biopsy: CompressedBreast,

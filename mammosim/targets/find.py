@@ -14,12 +14,12 @@ from mammosim.compression import CompressedBreast
 from mammosim.phantom import BreastPhantom
 from mammosim.projection import PathLengths
 from mammosim.targets.anatomy import clock_position, skin_depth_mm
-from mammosim.targets.origins import Origin, mean_shift_mm, target_origins
+from mammosim.targets.origins import UncompressedTarget, mean_shift_mm, target_origins
 from mammosim.targets.target import Target
 
 
 def find_targets(
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     paths: PathLengths,
     visible: Mapping[int, Visibility] | None = None,
     first_id: int = 1,
@@ -28,7 +28,7 @@ def find_targets(
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     paths : PathLengths
         Its projection.
     visible : mapping of int to Visibility, optional
@@ -51,12 +51,12 @@ def find_targets(
 
     Not modelled: a stiff lesion moving as one body; what is reported is the field at its voxels.
     """
-    origins = target_origins(squeezed.phantom)
-    shifts_mm = [mean_shift_mm(squeezed.field, origin) for origin in origins]
-    nipple_px = _thrown(origins[-1].centre_mm + shifts_mm[-1], paths)
+    origins = target_origins(compressed.phantom)
+    shifts_mm = [mean_shift_mm(compressed.field, origin) for origin in origins]
+    nipple_px = _projected_px(origins[-1].centre_mm + shifts_mm[-1], paths)
     seen = visible or {}
     return [
-        _target(number, origin, shift_mm, squeezed, paths, nipple_px, seen.get(origin.label))
+        _target(number, origin, shift_mm, compressed, paths, nipple_px, seen.get(origin.label))
         for number, (origin, shift_mm) in enumerate(
             zip(origins, shifts_mm, strict=True), start=first_id
         )
@@ -65,9 +65,9 @@ def find_targets(
 
 def _target(
     number: int,
-    origin: Origin,
+    origin: UncompressedTarget,
     shift_mm: NDArray[np.float64],
-    squeezed: CompressedBreast,
+    compressed: CompressedBreast,
     paths: PathLengths,
     nipple_px: NDArray[np.float64],
     seen: Visibility | None,
@@ -76,21 +76,21 @@ def _target(
         target_id=number,
         name=origin.name,
         kind=origin.kind,
-        view=squeezed.view.label,
+        view=compressed.view.label,
         volume_mm3=float(origin.volume_mm3),
-        **_before(origin, squeezed.phantom),
+        **_before(origin, compressed.phantom),
         **_moved(origin, shift_mm, paths),
-        **_deformed(origin, squeezed),
+        **_deformed(origin, compressed),
         **_imaged(origin, shift_mm, paths, nipple_px),
-        **_along_and_across(shift_mm, squeezed),
+        **_along_and_across(shift_mm, compressed),
         contrast=seen.contrast if seen else math.nan,
         sdnr=seen.sdnr if seen else math.nan,
         extent_mm=origin.extent_mm,
-        laterality=squeezed.view.laterality,
+        laterality=compressed.view.laterality,
     )
 
 
-def _before(origin: Origin, phantom: BreastPhantom) -> dict[str, Any]:
+def _before(origin: UncompressedTarget, phantom: BreastPhantom) -> dict[str, Any]:
     centre = origin.centre_mm
     nipple = np.asarray(phantom.nipple_mm, dtype=float)
     return {
@@ -103,7 +103,9 @@ def _before(origin: Origin, phantom: BreastPhantom) -> dict[str, Any]:
     }
 
 
-def _moved(origin: Origin, shift_mm: NDArray[np.float64], paths: PathLengths) -> dict[str, Any]:
+def _moved(
+    origin: UncompressedTarget, shift_mm: NDArray[np.float64], paths: PathLengths
+) -> dict[str, Any]:
     moved = origin.centre_mm + shift_mm
     place = paths.gantry.gantry_from_breast(moved)
     at_rest = paths.gantry.gantry_from_breast(origin.centre_mm)
@@ -120,8 +122,8 @@ def _moved(origin: Origin, shift_mm: NDArray[np.float64], paths: PathLengths) ->
     }
 
 
-def _deformed(origin: Origin, squeezed: CompressedBreast) -> dict[str, Any]:
-    gradient = squeezed.field.deformation_gradient_at(origin.points_mm)
+def _deformed(origin: UncompressedTarget, compressed: CompressedBreast) -> dict[str, Any]:
+    gradient = compressed.field.deformation_gradient_at(origin.points_mm)
     mean = gradient.mean(axis=0, dtype=np.float64)
     stretches = np.full(3, np.nan)
     if np.isfinite(mean).all():
@@ -134,9 +136,11 @@ def _deformed(origin: Origin, squeezed: CompressedBreast) -> dict[str, Any]:
     }
 
 
-def _along_and_across(shift_mm: NDArray[np.float64], squeezed: CompressedBreast) -> dict[str, Any]:
+def _along_and_across(
+    shift_mm: NDArray[np.float64], compressed: CompressedBreast
+) -> dict[str, Any]:
     """The shift along the plates' normal, towards the paddle, and its length across it."""
-    across_x, across_y, along = squeezed.view.compression_from_breast(shift_mm)
+    across_x, across_y, along = compressed.view.compression_from_breast(shift_mm)
     return {
         "shift_along_mm": float(along),
         "shift_across_mm": float(np.hypot(across_x, across_y)),
@@ -144,14 +148,14 @@ def _along_and_across(shift_mm: NDArray[np.float64], squeezed: CompressedBreast)
 
 
 def _imaged(
-    origin: Origin,
+    origin: UncompressedTarget,
     shift_mm: NDArray[np.float64],
     paths: PathLengths,
     nipple_px: NDArray[np.float64],
 ) -> dict[str, Any]:
     gantry = paths.gantry
     pixel = _centroid_px(origin.label, paths)
-    row, column = _thrown(origin.centre_mm + shift_mm, paths) if pixel is None else pixel
+    row, column = _projected_px(origin.centre_mm + shift_mm, paths) if pixel is None else pixel
     distance_px = np.hypot(row - nipple_px[0], column - nipple_px[1])
     return {
         "image_row_px": float(row),
@@ -163,7 +167,7 @@ def _imaged(
     }
 
 
-def _thrown(place_mm: NDArray[np.float64], paths: PathLengths) -> NDArray[np.float64]:
+def _projected_px(place_mm: NDArray[np.float64], paths: PathLengths) -> NDArray[np.float64]:
     """(2,) row and column at which the focal spot throws a compressed breast-frame point."""
     return paths.gantry.project(paths.gantry.gantry_from_breast(place_mm))
 

@@ -24,7 +24,7 @@ ROUNDING_PX = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class ImagePoint:
     """A pixel at which something is seen in one picture.
 
     Parameters
@@ -107,12 +107,12 @@ class Located:
     height_mm: tuple[float, ...]
 
 
-def curve_of(sight: Sight, step_mm: float = RAY_STEP_MM) -> RayCurve:
+def curve_of(image_point: ImagePoint, step_mm: float = RAY_STEP_MM) -> RayCurve:
     """The points of the uncompressed breast that one pixel may show.
 
     Parameters
     ----------
-    sight : Sight
+    image_point : ImagePoint
     step_mm : float
         Distance of the points along z, mm.
 
@@ -126,12 +126,12 @@ def curve_of(sight: Sight, step_mm: float = RAY_STEP_MM) -> RayCurve:
     Both ends of the ray's part in tissue belong to the curve, to half a millimetre. Where breast
     lies behind air behind breast, as in a fold, the curve has a gap.
     """
-    _check_on_picture(sight)
-    fine = _along(sight, RAY_STEP_MM)
+    _check_on_picture(image_point)
+    fine = _along(image_point, RAY_STEP_MM)
     if step_mm <= RAY_STEP_MM:
         return fine
     low, high = fine.height_mm[[0, -1]]
-    between = _along(sight, step_mm, allow_none=True)
+    between = _along(image_point, step_mm, allow_none=True)
     inner = (between.height_mm > low) & (between.height_mm < high)
     return RayCurve(
         np.concatenate([[low], between.height_mm[inner], [high]]),
@@ -139,23 +139,23 @@ def curve_of(sight: Sight, step_mm: float = RAY_STEP_MM) -> RayCurve:
     )
 
 
-def _along(sight: Sight, step_mm: float, allow_none: bool = False) -> RayCurve:
+def _along(image_point: ImagePoint, step_mm: float, allow_none: bool = False) -> RayCurve:
     """Points of a ray in tissue, at heights that are whole multiples of a step."""
-    low, high = _heights_mm(sight)
+    low, high = _heights_mm(image_point)
     height = step_mm * np.arange(np.ceil(low / step_mm), np.floor(high / step_mm) + 1.0)
-    points = _original(sight, height)
-    inside = _in_tissue(sight, height, points)
+    points = _original(image_point, height)
+    inside = _in_tissue(image_point, height, points)
     if not (inside.any() or allow_none):
-        raise InputError(f"{sight.what}: lies outside the breast; no tissue is on its ray")
+        raise InputError(f"{image_point.what}: lies outside the breast; no tissue is on its ray")
     return RayCurve(height[inside], points[inside])
 
 
-def point_at_height(sight: Sight, height_mm: float) -> Located:
+def point_at_height(image_point: ImagePoint, height_mm: float) -> Located:
     """The point of the uncompressed breast that a pixel shows, its height being known.
 
     Parameters
     ----------
-    sight : Sight
+    image_point : ImagePoint
     height_mm : float
         Above the breast support, mm.
 
@@ -164,24 +164,24 @@ def point_at_height(sight: Sight, height_mm: float) -> Located:
     InputError
         If the pixel is outside the breast, or no breast is at that height on its ray.
     """
-    curve = curve_of(sight)
+    curve = curve_of(image_point)
     height = np.array([height_mm], dtype=float)
-    point = _original(sight, height)
-    if not _in_tissue(sight, height, point)[0]:
+    point = _original(image_point, height)
+    if not _in_tissue(image_point, height, point)[0]:
         raise InputError(
-            f"{sight.what}: height_mm: found {height_mm:g}, which is in air; on this ray the "
+            f"{image_point.what}: height_mm: found {height_mm:g}, which is in air; on this ray the "
             f"breast lies between {curve.height_mm[0]:.1f} and {curve.height_mm[-1]:.1f} mm above "
             "the support"
         )
-    return _located(point[0], [sight])
+    return _located(point[0], [image_point])
 
 
-def point_from_sights(sights: Sequence[Sight]) -> Located:
+def point_from_image_points(image_points: Sequence[ImagePoint]) -> Located:
     """The point of the uncompressed breast that two or more pictures show.
 
     Parameters
     ----------
-    sights : sequence of Sight
+    image_points : sequence of ImagePoint
         Of different views, or of one compression under different tube angles (a stereotactic
         pair).
 
@@ -195,17 +195,17 @@ def point_from_sights(sights: Sequence[Sight]) -> Located:
     InputError
         If a pixel is outside the breast, or two rays are too nearly one to meet in a point.
     """
-    curves = [curve_of(sight) for sight in sights]
-    _check_angles(sights)
+    curves = [curve_of(image_point) for image_point in image_points]
+    _check_angles(image_points)
     first, second = curves[0].point_mm, curves[1].point_mm
     apart = np.linalg.norm(first[:, None] - second[None], axis=-1)
     one, other = np.unravel_index(int(apart.argmin()), apart.shape)
     start = 0.5 * (first[one] + second[other])
     found = least_squares(
-        lambda point: np.concatenate([sight.misfit_mm(point) for sight in sights]),
+        lambda point: np.concatenate([seen.misfit_mm(point) for seen in image_points]),
         start, xtol=1e-10, ftol=1e-12, gtol=1e-12, diff_step=1e-5, x_scale=10.0,
     )  # fmt: skip
-    return _located(found.x, sights)
+    return _located(found.x, image_points)
 
 
 def stereotactic(gantry: Gantry, tube_angle_deg: float) -> Gantry:
@@ -234,61 +234,66 @@ def stereotactic(gantry: Gantry, tube_angle_deg: float) -> Gantry:
     return replace(gantry, tube_angle_deg=tube_angle_deg)
 
 
-def _check_on_picture(sight: Sight) -> None:
-    gantry, edge = sight.gantry, 0.5 + ROUNDING_PX
+def _check_on_picture(image_point: ImagePoint) -> None:
+    gantry, edge = image_point.gantry, 0.5 + ROUNDING_PX
     for name, value, count in (
-        ("row", sight.row, gantry.rows),
-        ("column", sight.column, gantry.columns),
+        ("row", image_point.row, gantry.rows),
+        ("column", image_point.column, gantry.columns),
     ):
         if not -edge <= value <= count - 1 + edge:
             raise InputError(
-                f"{sight.what}: the {name} is not on the image, which has {count}; "
+                f"{image_point.what}: the {name} is not on the image, which has {count}; "
                 f"expected 0 to {count - 1}"
             )
 
 
-def _check_angles(sights: Sequence[Sight]) -> None:
+def _check_angles(image_points: Sequence[ImagePoint]) -> None:
     """Refuse rays through one compression that are nearly parallel."""
     ends = np.array([0.0, 1.0])
-    for number, sight in enumerate(sights):
-        for other in sights[:number]:
-            if other.field is not sight.field:
+    for number, image_point in enumerate(image_points):
+        for other in image_points[:number]:
+            if other.field is not image_point.field:
                 continue
-            one, two = (np.diff(each.ray_mm(ends), axis=0)[0] for each in (sight, other))
+            one, two = (np.diff(each.ray_mm(ends), axis=0)[0] for each in (image_point, other))
             cosine = one @ two / np.linalg.norm(one) / np.linalg.norm(two)
             angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
             if angle < SMALLEST_ANGLE_DEG:
                 raise InputError(
-                    f"{other.what} and {sight.what}: their rays differ by {angle:.2f} degrees, "
+                    f"{other.what} and {image_point.what}: their rays differ by "
+                    f"{angle:.2f} degrees, "
                     f"expected at least {SMALLEST_ANGLE_DEG:g}; give another view or tube angle"
                 )
 
 
-def _heights_mm(sight: Sight) -> tuple[float, float]:
+def _heights_mm(image_point: ImagePoint) -> tuple[float, float]:
     """Lowest and highest point of what may be breast above the support, mm."""
-    frame = sight.field.inverse.frame if sight.labels_frame is None else sight.labels_frame
+    frame = (
+        image_point.field.inverse.frame
+        if image_point.labels_frame is None
+        else image_point.labels_frame
+    )
     low = float(frame.origin_mm[2] - 0.5 * frame.spacing_mm[2])
     high = low + float(frame.shape[2] * frame.spacing_mm[2])
-    return low - sight.gantry.support_z_mm, high - sight.gantry.support_z_mm
+    return low - image_point.gantry.support_z_mm, high - image_point.gantry.support_z_mm
 
 
-def _original(sight: Sight, height_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+def _original(image_point: ImagePoint, height_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 3) uncompressed points of the ray at heights, breast frame; NaN where nothing was."""
-    compressed = sight.gantry.breast_from_gantry(sight.ray_mm(height_mm))
-    return sight.field.original_point(compressed)
+    compressed = image_point.gantry.breast_from_gantry(image_point.ray_mm(height_mm))
+    return image_point.field.original_point(compressed)
 
 
 def _in_tissue(
-    sight: Sight, height_mm: NDArray[np.float64], points: NDArray[np.float64]
+    image_point: ImagePoint, height_mm: NDArray[np.float64], points: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Which points of a ray are in tissue."""
     known = np.asarray(np.isfinite(points).all(axis=1))
-    field = sight.field
-    if sight.labels is not None and sight.labels_frame is not None:
-        ray = sight.gantry.breast_from_gantry(sight.ray_mm(height_mm))
-        compressed = sight.gantry.view.compression_from_breast(ray)
-        return known & _at(sight.labels, sight.labels_frame, compressed)
-    at_rest = sight.gantry.view.compression_from_breast(np.where(known[:, None], points, 0.0))
+    field = image_point.field
+    if image_point.labels is not None and image_point.labels_frame is not None:
+        ray = image_point.gantry.breast_from_gantry(image_point.ray_mm(height_mm))
+        compressed = image_point.gantry.view.compression_from_breast(ray)
+        return known & _at(image_point.labels, image_point.labels_frame, compressed)
+    at_rest = image_point.gantry.view.compression_from_breast(np.where(known[:, None], points, 0.0))
     return known & _at(field.tissue, field.frame, at_rest)
 
 
@@ -303,13 +308,13 @@ def _at(
     return found
 
 
-def _located(point: NDArray[np.float64], sights: Sequence[Sight]) -> Located:
-    places = [point + sight.field.displacement_at(point)[0] for sight in sights]
+def _located(point: NDArray[np.float64], image_points: Sequence[ImagePoint]) -> Located:
+    places = [point + image_point.field.displacement_at(point)[0] for image_point in image_points]
     return Located(
         point,
-        tuple(float(np.linalg.norm(sight.misfit_mm(point))) for sight in sights),
+        tuple(float(np.linalg.norm(image_point.misfit_mm(point))) for image_point in image_points),
         tuple(
-            float(sight.gantry.gantry_from_breast(place)[2])
-            for sight, place in zip(sights, places, strict=True)
+            float(image_point.gantry.gantry_from_breast(place)[2])
+            for image_point, place in zip(image_points, places, strict=True)
         ),
     )

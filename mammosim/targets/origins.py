@@ -13,12 +13,12 @@ from mammosim.compression import DisplacementField
 from mammosim.phantom import BreastPhantom
 from mammosim.targets.lesion_voxels import lesion_voxels
 
-MOST_VOXELS = 20_000
+MAX_VOXELS = 20_000
 """Voxels of one lesion that are followed: evenly taken among all where there are more."""
 
 
 @dataclass(frozen=True, eq=False)
-class Origin:
+class UncompressedTarget:
     """A target before compression.
 
     Parameters
@@ -46,7 +46,7 @@ class Origin:
     extent_mm: float = math.nan
 
 
-def target_origins(phantom: BreastPhantom) -> list[Origin]:
+def target_origins(phantom: BreastPhantom) -> list[UncompressedTarget]:
     """Targets of a phantom before compression: lesions, then landmarks, then the nipple.
 
     Parameters
@@ -55,20 +55,20 @@ def target_origins(phantom: BreastPhantom) -> list[Origin]:
 
     Returns
     -------
-    list of Origin
+    list of UncompressedTarget
         Centre and points of each in the breast frame, mm. Their order gives the numbers
         (`target_id`) of all tables.
     """
     return [*_lesions(phantom), *_points(phantom)]
 
 
-def mean_shift_mm(field: DisplacementField, origin: Origin) -> NDArray[np.float64]:
+def mean_shift_mm(field: DisplacementField, origin: UncompressedTarget) -> NDArray[np.float64]:
     """Mean displacement over a target's points.
 
     Parameters
     ----------
     field : DisplacementField
-    origin : Origin
+    origin : UncompressedTarget
         Its points are spread over its volume; a landmark has one.
 
     Returns
@@ -112,7 +112,7 @@ def row_ends(index: NDArray[np.intp]) -> NDArray[np.bool_]:
     return ends
 
 
-def _lesions(phantom: BreastPhantom) -> list[Origin]:
+def _lesions(phantom: BreastPhantom) -> list[UncompressedTarget]:
     origins = []
     voxels = lesion_voxels(phantom)
     for lesion in phantom.lesions:
@@ -121,20 +121,22 @@ def _lesions(phantom: BreastPhantom) -> list[Origin]:
         extent_mm = largest_distance(ends) + float(phantom.voxel_mm.mean())
         # A lesion whose voxels were overwritten by another is followed as the point it was.
         points = points if len(points) else np.atleast_2d(lesion.position_mm)
-        some = np.linspace(0, len(points) - 1, min(len(points), MOST_VOXELS)).round().astype(int)
+        some = np.linspace(0, len(points) - 1, min(len(points), MAX_VOXELS)).round().astype(int)
         origins.append(
-            Origin(lesion.name, lesion.kind, points.mean(axis=0), points[some],
+            UncompressedTarget(lesion.name, lesion.kind, points.mean(axis=0), points[some],
                     lesion.volume_mm3, lesion.label, extent_mm)
         )  # fmt: skip
     return origins
 
 
-def _points(phantom: BreastPhantom) -> list[Origin]:
+def _points(phantom: BreastPhantom) -> list[UncompressedTarget]:
     nipple = np.asarray(phantom.nipple_mm, dtype=float)
     return [
         *(
-            Origin(mark.name, "landmark", mark.position_mm, np.atleast_2d(mark.position_mm))
+            UncompressedTarget(
+                mark.name, "landmark", mark.position_mm, np.atleast_2d(mark.position_mm)
+            )
             for mark in phantom.landmarks
         ),
-        Origin("nipple", "nipple", nipple, nipple[None]),
+        UncompressedTarget("nipple", "nipple", nipple, nipple[None]),
     ]

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from mammosim.compression import Sample, Sampler
 from mammosim.targets.biopsy import miss_mm
 from mammosim.targets.ellipsoid import Ellipsoid, prediction_ellipsoid, quantile
-from mammosim.targets.origins import Origin, mean_shift_mm
+from mammosim.targets.origins import UncompressedTarget, mean_shift_mm
 from mammosim.targets.settings import UncertaintySettings
 
 STREAM = 0x5117
 """Keeps these numbers apart from others that are drawn with the run's seed."""
 
-LEAST_SAMPLES = 5
+MIN_SAMPLES = 5
 """Fewer cannot give an ellipsoid."""
 
 
@@ -128,7 +128,7 @@ def _fibre_ratios(
 
 def sampled_shifts(
     sampler: Sampler,
-    origins: Sequence[Origin],
+    origins: Sequence[UncompressedTarget],
     samples: Sequence[Sample],
     watch: Callable[[int, np.void], None] | None = None,
 ) -> NDArray[np.float64]:
@@ -138,7 +138,7 @@ def sampled_shifts(
     ----------
     sampler : Sampler
         Compresses the breast with a sample's stiffness, plates and lattice.
-    origins : sequence of Origin
+    origins : sequence of UncompressedTarget
     samples : sequence of Sample
     watch : callable, optional
         Is called with each sample's number and each row of its history.
@@ -157,7 +157,7 @@ def sampled_shifts(
 
 
 def uncertainties(
-    origins: Sequence[Origin],
+    origins: Sequence[UncompressedTarget],
     seen: Mapping[str, NDArray[np.float64]],
     then: Mapping[str, NDArray[np.float64]] | None = None,
 ) -> list[ShiftUncertainty]:
@@ -165,7 +165,7 @@ def uncertainties(
 
     Parameters
     ----------
-    origins : sequence of Origin
+    origins : sequence of UncompressedTarget
         Targets, the nipple last.
     seen : mapping of str to ndarray, [sample, target, 3]
         Shifts in each view, by the view's name.
@@ -182,7 +182,7 @@ def uncertainties(
         biopsy = None if then is None else then[view]
         for number, origin in enumerate(origins):
             known = np.isfinite(shifts[:, number]).all(axis=1)
-            if np.count_nonzero(known) < LEAST_SAMPLES:
+            if np.count_nonzero(known) < MIN_SAMPLES:
                 continue
             found = prediction_ellipsoid(shifts[known, number])
             rows.append(
@@ -211,14 +211,14 @@ def _missed(
     shifts: NDArray[np.float64],
     biopsy: NDArray[np.float64] | None,
     number: int,
-    origin: Origin,
+    origin: UncompressedTarget,
 ) -> dict[str, Any]:
     """Length of the miss over the samples that both positions have, and its ellipsoid."""
     if biopsy is None or origin.kind == "nipple":
         return {}
     misses = miss_mm(shifts[:, number], shifts[:, -1], biopsy[:, number], biopsy[:, -1])
     misses = misses[np.isfinite(misses).all(axis=1)]
-    if len(misses) < LEAST_SAMPLES:
+    if len(misses) < MIN_SAMPLES:
         return {}
     lengths = np.linalg.norm(misses, axis=1)
     axes = prediction_ellipsoid(misses).semi_axes_mm

@@ -1,4 +1,4 @@
-"""Slow, honest twins of the projection's kernels, and breasts squeezed by formula to test them."""
+"""Slow, simple twins of the projection's kernels, and breasts compressed by formula for tests."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def inverse_map(original_of, low_mm, high_mm, spacing_mm):
     return InverseMap(frame, original.astype(np.float32))
 
 
-def squeezed(breast, inverse, view="CC", plates_mm=None, edge_mm=0.0, angle_deg=45.0, **field):
+def compressed(breast, inverse, view="CC", plates_mm=None, edge_mm=0.0, angle_deg=45.0, **field):
     """A compressed breast from an inverse map made by hand; `field` as its field may have it."""
     frame = inverse.frame
     top = frame.origin_mm[2] + frame.spacing_mm[2] * (frame.shape[2] - 1)
@@ -65,7 +65,7 @@ def unsqueezed(breast, view="CC", spacing_mm=4.0, **keys):
     )  # fmt: skip
     rotated = corners @ View(view, breast.laterality).rotation.T
     low, high = rotated.min(axis=0) - 1.0, rotated.max(axis=0) + 1.0
-    return squeezed(breast, inverse_map(lambda p: p, low, high, spacing_mm), view, **keys)
+    return compressed(breast, inverse_map(lambda p: p, low, high, spacing_mm), view, **keys)
 
 
 def chord(labels, start, end):

@@ -33,7 +33,7 @@ MARGIN_MM = 12.0
 """How far beyond the detector scatter is scored, mm, so that smoothing needs no edge."""
 
 _RESPONSE_COSINES = 64
-_LEAST_DEPTH = 1e-3  # optical depth that decides how often a flight collides where no tissue is
+_MIN_DEPTH = 1e-3  # optical depth that decides how often a flight collides where no tissue is
 _BREAST_ENERGY_SHARE = 0.6  # photons drawn as they come through the breast; others as they come in
 
 
@@ -308,7 +308,7 @@ def _source(
     share = _BREAST_ENERGY_SHARE
     chosen = (1.0 - share) * energy_fluence / energy_fluence.sum() + share * through / through.sum()
     weight = np.divide(spectrum, chosen, out=np.zeros_like(spectrum), where=chosen > 0.0)
-    likely = np.maximum(through * depth, _LEAST_DEPTH * energy_fluence)
+    likely = np.maximum(through * depth, _MIN_DEPTH * energy_fluence)
     score = float(likely.sum() * drawn.sum() / field.importance.max())
     source = Source(
         gantry.focal_spot_mm, gantry.focal_spot_above_detector_mm, Turn(*gantry.detector_turn),

@@ -35,7 +35,7 @@ LOCAL_PART = 5.0
 mean over it: too little to lock (alone it is a Poisson's ratio of 0.41), and enough that corners of
 strongly sheared elements do not fold. Where the volume is kept the split makes no difference."""
 
-LEAST_VOLUME = 0.1
+MIN_VOLUME = 0.1
 """J below which the energy is continued by a parabola, so that an element inverted on the way can
 unfold; a solution has no element there."""
 
@@ -71,7 +71,7 @@ class Body:
     held: NDArray[np.bool_]
     corner_weight: float = CORNER_WEIGHT
     local_part: float = LOCAL_PART
-    least_volume: float = LEAST_VOLUME
+    least_volume: float = MIN_VOLUME
     law: str = "neo_hookean"
     structure: Structure = field(default_factory=Structure)
 

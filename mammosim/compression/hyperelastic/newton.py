@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import Contact
 
-LEAST_STRAIN = 1e-3
+MIN_STRAIN = 1e-3
 """Forces are compared with those of the plates, or with what a strain of this makes where the
 plates hardly press."""
 
@@ -113,7 +113,7 @@ def step_of(
     error: tuple[float, float],
 ) -> Step:
     """What the history says of a state: see `Step`."""
-    least = LEAST_STRAIN * float(body.shear.max()) * np.sqrt(np.count_nonzero(body.nodes))
+    least = MIN_STRAIN * float(body.shear.max()) * np.sqrt(np.count_nonzero(body.nodes))
     applied = np.zeros_like(value.force)
     contact.add_forces(value.pressure, value.push, applied)
     force = max(contact.plate_force(value.pressure, value.push))

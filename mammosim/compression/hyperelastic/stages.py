@@ -19,13 +19,13 @@ from mammosim.compression.hyperelastic.trust_region import minimise
 from mammosim.compression.multigrid import Workspace, add_interpolated
 from mammosim.compression.plates import EDGE_RADIUS_MM, Plates
 
-FEWEST_NODES = 300
+MIN_NODES = 300
 """A body with fewer is no start for a finer one."""
 
 LOOSE = 0.02
 """Mean error, element edges, at which the state of a coarse body is good enough to refine."""
 
-ON_THE_WAY = 0.05
+CLOSING_TOLERANCE = 0.05
 """Mean error, element edges, that is good enough while the plates still close."""
 
 UNFOLDING = (30.0, 0.5)
@@ -96,7 +96,7 @@ class Stages:
         self.bodies = [mesh.body]
         while 2 ** len(self.bodies) <= ALIGNED:
             coarse = self.bodies[-1].coarsened()
-            if np.count_nonzero(coarse.nodes) < FEWEST_NODES:
+            if np.count_nonzero(coarse.nodes) < MIN_NODES:
                 break
             self.bodies.append(coarse)
         reach = EDGE_REACH * EDGE_RADIUS_MM
@@ -153,7 +153,7 @@ class Stages:
         if body.energy_and_forces(u)[1] < FOLDED:
             local, least = UNFOLDING
             softened = replace(body, local_part=local, least_volume=least)
-            state = self._minimise(softened, level, plates, u, ON_THE_WAY, UNFOLDED)
+            state = self._minimise(softened, level, plates, u, CLOSING_TOLERANCE, UNFOLDED)
             if state.interrupted:
                 return state
             u = state.u
@@ -201,7 +201,7 @@ class Stages:
             if part == 1.0:
                 state = self._finish(level, between, guess)
             else:
-                state = self._minimise(self.bodies[level], level, between, guess, ON_THE_WAY)
+                state = self._minimise(self.bodies[level], level, between, guess, CLOSING_TOLERANCE)
             if state.interrupted:
                 return state
             if state.converged:

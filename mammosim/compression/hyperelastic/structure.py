@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mammosim.compression.hyperelastic.fascia import WALL, SkinBorder
 from mammosim.compression.hyperelastic.surface import SurfacePoints
 
-LEAST_COVER = 0.25
+MIN_COVER = 0.25
 """Part of the skin's thickness that must be found where the surface is, for skin to cover it."""
 
 FACING_WALL = -0.7
@@ -44,7 +44,7 @@ class Skin:
     @property
     def least_thickness(self) -> float:
         """Thickness that must be found for skin to be there, element edges."""
-        return LEAST_COVER * min(self.thickness, 1.0)
+        return MIN_COVER * min(self.thickness, 1.0)
 
     def covers(self, points: SurfacePoints) -> NDArray[np.bool_]:
         """Which points of the surface are covered by skin, (n,).

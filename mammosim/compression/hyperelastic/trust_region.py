@@ -26,7 +26,7 @@ LARGEST_STEP = 2.0
 SHORTEST_STEP = 2.0**-9
 """Part of a step below which the search for a lower energy gives up."""
 
-ENOUGH = 0.1
+ARMIJO_FRACTION = 0.1
 """Part of the decrease that the quadratic model promises which a step must keep."""
 
 GOOD, POOR = 0.75, 0.25
@@ -46,14 +46,14 @@ NEAR, NEAR_LARGEST = 0.2, 2.0
 """Mean and largest displacement of a node in a step, element edges, below which the exact tangent
 stiffness is used: further away, leaving out what may be negative leads on faster."""
 
-LOOSEST, TIGHTEST = 0.1, 0.01
+MAX_FORCING_TERM, TIGHTEST = 0.1, 0.01
 """Part of its residual that a step's linear problem may leave; between them 0.9 times the square of
 the last step's reduction of the force (Eisenstat & Walker 1996, SIAM J Sci Comput 17:16-32)."""
 
-MOST_CYCLES = 60
+MAX_CYCLES = 60
 """V-cycles of one linear problem at most."""
 
-MOST_STEPS = 150
+MAX_STEPS = 150
 """Newton steps of one place of the plates at most; 10 to 30 are usual."""
 
 RATES = 0.3, 0.95
@@ -101,7 +101,7 @@ def minimise(
     u: NDArray[np.float64],
     tolerance: float,
     workspace: Workspace,
-    max_steps: int = MOST_STEPS,
+    max_steps: int = MAX_STEPS,
     watch: Callable[[Step], None] | None = None,
     unfolded: float = np.inf,
 ) -> State:
@@ -163,9 +163,9 @@ def _direction(
 ) -> Truncated:
     """The step of the quadratic model; `search` may turn to the tangent that is never negative."""
     norm = float(np.linalg.norm(value.force))
-    reduction = LOOSEST
+    reduction = MAX_FORCING_TERM
     if search.exact and search.force > 0.0:
-        reduction = min(LOOSEST, max(TIGHTEST, 0.9 * (norm / search.force) ** 2))
+        reduction = min(MAX_FORCING_TERM, max(TIGHTEST, 0.9 * (norm / search.force) ** 2))
     search.force = norm
     while True:
         level = _tangent(body, contact, u, float(search.exact), search.workspace)
@@ -174,7 +174,7 @@ def _direction(
         search.eigenvalues[search.exact] = multigrid.eigenvalues
         force = (-value.force).astype(np.float32)
         radius = search.radius if search.exact else UNBOUNDED
-        model = truncated_gradients(multigrid, force, radius, reduction, MOST_CYCLES)
+        model = truncated_gradients(multigrid, force, radius, reduction, MAX_CYCLES)
         if not search.exact or (model.definite and model.ritz > WORST_CURVATURE):
             return model
         search.exact = False
@@ -214,7 +214,7 @@ def _shortened(
         trial = evaluate(body, contact, moved)
         promised = length * slope - 0.5 * length**2 * curvature
         ratio = (value.energy - trial.energy + rounding) / (promised + rounding)
-        if ratio >= ENOUGH:
+        if ratio >= ARMIJO_FRACTION:
             return _Trial(moved, trial, length, ratio, length * mean, length * largest)
         length *= 0.5
     return _Trial(u, value, 0.0, 0.0, 0.0, 0.0)
@@ -253,5 +253,5 @@ def _learn(model: Truncated, trial: _Trial, search: _Search) -> None:
         reached = search.radius if np.isfinite(search.radius) else size
         grown = 4.0 * size if trial.ratio > GOOD else size
         search.radius = max(reached, grown)
-    if trial.length < ENOUGH:
+    if trial.length < ARMIJO_FRACTION:
         search.exact = False

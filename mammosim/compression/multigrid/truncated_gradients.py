@@ -14,7 +14,7 @@ from mammosim.compression.multigrid.workspace import Field
 FIRST_RADIUS = 10.0
 """Radius of the first trust region, in lengths of the first direction (norm of the V-cycle)."""
 
-LEAST_RITZ = 1e-4
+MIN_RITZ = 1e-4
 """Smallest Ritz value that counts: single precision knows none below."""
 
 
@@ -150,5 +150,5 @@ def truncated_gradients(
         decrease += 0.5 * length * product
         previous = product
     ritz, size = lengths.smallest_ritz(), float(np.sqrt(lengths.square))
-    left = float(np.sqrt(product)) / (max(ritz, LEAST_RITZ) * max(size, 1e-300))
+    left = float(np.sqrt(product)) / (max(ritz, MIN_RITZ) * max(size, 1e-300))
     return Truncated(correction, decrease, size, False, ritz, left, True, iteration)

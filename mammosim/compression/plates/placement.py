@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from mammosim.compression.lattice import (
     MUSCLE_REACH_MM,
     Lattice,
-    Reach,
+    PosteriorLimits,
     breast_volume_ml,
-    tissue_front,
+    posterior_limits,
 )
 from mammosim.compression.plates.paddle import covered_tissue, panel_of, tissue_beyond_edge
 from mammosim.compression.plates.solids import Plates
@@ -24,7 +24,7 @@ from mammosim.phantom import BreastPhantom
 EDGE_BEFORE_WALL_MM = 5.0
 """Plates' edge in front of the chest wall or fixed muscle, mm: tissue needs room to bend there."""
 
-MOST_OF_HEIGHT = 0.8
+MAX_OF_HEIGHT = 0.8
 """A thickness from the population fit is at most this part of the breast's own height."""
 
 
@@ -44,7 +44,9 @@ def population_thickness_mm(view: str, volume_ml: float) -> float:
     return 10.0 * (0.66 * volume_ml / (0.064 * volume_ml + 74.53) + 1.58)
 
 
-def held_tissue(settings: CompressionSettings, breast: BreastPhantom) -> tuple[Reach, bool]:
+def held_tissue(
+    settings: CompressionSettings, breast: BreastPhantom
+) -> tuple[PosteriorLimits, bool]:
     """How far chest wall and muscle reach, and whether labelled muscle is held.
 
     Parameters
@@ -55,13 +57,13 @@ def held_tissue(settings: CompressionSettings, breast: BreastPhantom) -> tuple[R
 
     Returns
     -------
-    reach : Reach
+    reach : PosteriorLimits
         Breast-frame x of the faces of chest wall and muscle, mm.
     muscle_fixed : bool
         As the settings say; where they are silent, muscle is held if it reaches at most
         `MUSCLE_REACH_MM` in front of the chest wall.
     """
-    reach = tissue_front(breast)
+    reach = posterior_limits(breast)
     if settings.chest_wall_mm is not None:
         reach = replace(reach, chest_wall_mm=settings.chest_wall_mm)
     if settings.muscle is not None:
@@ -69,7 +71,9 @@ def held_tissue(settings: CompressionSettings, breast: BreastPhantom) -> tuple[R
     return reach, reach.muscle_mm - reach.chest_wall_mm <= MUSCLE_REACH_MM
 
 
-def plate_edge_mm(settings: CompressionSettings, reach: Reach, muscle_fixed: bool) -> float:
+def plate_edge_mm(
+    settings: CompressionSettings, reach: PosteriorLimits, muscle_fixed: bool
+) -> float:
     """Breast-frame x of the plates' edge, mm."""
     if settings.plate_edge_mm is not None:
         return settings.plate_edge_mm
@@ -146,14 +150,14 @@ def _thickness_mm(
         return thickness, ()
     volume_ml = breast_volume_ml(breast)
     fitted = population_thickness_mm(view.name, volume_ml)
-    thickness = min(fitted, MOST_OF_HEIGHT * height_mm)
+    thickness = min(fitted, MAX_OF_HEIGHT * height_mm)
     if settings.force_n is not None:
         return thickness, ()
     fit = f"the population fit for a breast of {volume_ml:.0f} mL"
     taken = f"{thickness:.1f} mm from {fit}"
     if thickness < fitted:
         taken = (
-            f"{thickness:.1f} mm, {100.0 * MOST_OF_HEIGHT:.0f} % of the breast's height between "
+            f"{thickness:.1f} mm, {100.0 * MAX_OF_HEIGHT:.0f} % of the breast's height between "
             f"the plates ({height_mm:.1f} mm), which {fit} exceeds ({fitted:.1f} mm)"
         )
     return thickness, (f"{view.folder}: thickness not given; {taken}",)

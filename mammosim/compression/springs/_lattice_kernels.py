@@ -257,7 +257,7 @@ def hold_between_faces(thread, u, force, diagonal, free, plates, slack, contact,
 
 
 @contracting_parallel_kernel
-def hold_before_ends(
+def plate_end_contact(
     thread, u, uz, force, diagonal, free, plates, chest, slack, contact, advance=0.0
 ):
     """Set which nodes the chest wall and the plates' ends hold along x; see `hold_between_faces`.

@@ -10,7 +10,7 @@ _LARGEST_COMPRESSION = 0.9
 
 @kernel
 def series_columns(modulus, span, chest, edge, lower, upper, z, widening):
-    """Places along z of each column squeezed into its gap, and 1/sqrt of the springs' stretch."""
+    """Places along z of each column compressed into its gap, and 1/sqrt of the springs' stretch."""
     nx, ny, _ = modulus.shape
     for i in range(1, nx - 1):
         for j in range(1, ny - 1):

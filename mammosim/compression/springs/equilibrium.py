@@ -161,7 +161,7 @@ class _Run:
         ux, uy, uz = displacement
         plates, chest = self.problem.plates, float(self.problem.chest)
         between = partial(lattice.hold_between_faces, plates=plates)
-        before = partial(lattice.hold_before_ends, uz=uz, plates=plates, chest=chest)
+        before = partial(lattice.plate_end_contact, uz=uz, plates=plates, chest=chest)
         error, settled, interrupted = 0.0, True, False
         loads: tuple[NDArray[np.float32] | None, ...] = ()
         for name, u, hold_nodes in (("z", uz, between), ("x", ux, before), ("y", uy, None)):
@@ -179,7 +179,7 @@ class _Run:
         return SpringState(displacement, settled, error, history, interrupted)
 
     def _loads(self, uz: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Loads along x and y: from cells that are squeezed along z, and from outside."""
+        """Loads along x and y: from cells that are compressed along z, and from outside."""
         load_x, load_y = (np.zeros(uz.shape, np.float32) for _ in range(2))
         stretch = self.workspace.array("stretch", uz.shape)
         lattice.cell_stretch(self.problem.modulus, uz, stretch)

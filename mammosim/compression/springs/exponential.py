@@ -130,7 +130,7 @@ class _Run:
         """Bring the displacement to equilibrium, in place."""
         ux, uy, uz = self.displacement
         plates, chest = self.problem.plates, float(self.problem.chest)
-        before = partial(lattice.hold_before_ends, uz=uz, plates=plates, chest=chest)
+        before = partial(lattice.plate_end_contact, uz=uz, plates=plates, chest=chest)
         axes = (
             _Axis("z", uz, partial(lattice.hold_between_faces, plates=plates)),
             _Axis("x", ux, before),

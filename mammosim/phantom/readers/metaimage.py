@@ -74,7 +74,9 @@ def open_metaimage(path: Path) -> VoxelFile:
     header, header_bytes = _read_header(path)
     shape = _shape(header, path)
     spacing = checked_spacing(_numbers(header, ("ElementSpacing", "ElementSize"), path), path)
-    origin = checked_origin(_numbers(header, ("Offset", "Position", "Origin"), path, 0.0), path)
+    origin = checked_origin(
+        _numbers(header, ("Offset", "Position", "UncompressedTarget"), path, 0.0), path
+    )
     dtype = _dtype(header, path)
     promised = shape[0] * shape[1] * shape[2] * dtype.itemsize
     voxels, notes = _find_voxels(header, header_bytes, promised, path)

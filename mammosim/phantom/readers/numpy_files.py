@@ -46,7 +46,7 @@ DAMAGE = (
 )  # fmt: skip
 """What NumPy and zipfile raise on damaged files: a header is a Python literal, which is parsed."""
 
-MOST_SMALL_BYTES = 4096
+MAX_SMALL_BYTES = 4096
 """Of the arrays beside the labels, which hold three numbers."""
 
 
@@ -115,7 +115,7 @@ def open_npz(path: Path) -> VoxelFile:
 
 
 def _small_array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[Any]:
-    if archive.getinfo(f"{key}.npy").file_size > MOST_SMALL_BYTES:
+    if archive.getinfo(f"{key}.npy").file_size > MAX_SMALL_BYTES:
         raise InputError(f"{path}: {key} holds more than three numbers")
     with archive.open(f"{key}.npy") as stream:
         values: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)

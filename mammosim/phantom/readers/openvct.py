@@ -34,10 +34,10 @@ from mammosim.phantom.readers.volume import (
     reason_of,
 )
 
-MOST_XML_BYTES = 1 << 24
+MAX_XML_BYTES = 1 << 24
 """Descriptions take some kilobytes."""
 
-MOST_MEMBERS = 10_000
+MAX_MEMBERS = 10_000
 """Archives hold two files and some private ones."""
 
 VOXEL_TYPES = {"V_INT8", "V_UINT8", "INT8", "UINT8", "1", "2"}
@@ -78,11 +78,11 @@ def open_openvct(path: Path) -> VoxelFile:
             description = _member(archive, "Phantom.xml", path)
             check_promise(description.file_size, description.compress_size, MAX_DEFLATE_RATIO, path)
             with archive.open(description) as stream:
-                text = stream.read(MOST_XML_BYTES + 1)
+                text = stream.read(MAX_XML_BYTES + 1)
     except DAMAGE as error:
         raise InputError(f"{path}: not a whole OpenVCT archive ({reason_of(error)})") from None
-    if len(text) > MOST_XML_BYTES:
-        raise InputError(f"{path}: its Phantom.xml is longer than {MOST_XML_BYTES} bytes")
+    if len(text) > MAX_XML_BYTES:
+        raise InputError(f"{path}: its Phantom.xml is longer than {MAX_XML_BYTES} bytes")
     root = _parsed(text, path)
     shape = checked_shape([_whole(root, f"Voxel_Array/VOXEL_NUM/{a}", path) for a in "XYZ"], path)
     sizes = [_number(root, f"Voxel_Array/VOXEL_SIZE_MM/{axis}", path) for axis in "XYZ"]
@@ -116,7 +116,7 @@ def open_openvct(path: Path) -> VoxelFile:
 def _member(archive: zipfile.ZipFile, name: str, path: Path) -> zipfile.ZipInfo:
     """The one entry of that name, in whatever folder; it is read in place, never extracted."""
     entries = archive.infolist()
-    if len(entries) > MOST_MEMBERS:
+    if len(entries) > MAX_MEMBERS:
         raise InputError(f"{path}: holds {len(entries)} entries, expected an OpenVCT archive")
     matching = [entry for entry in entries if entry.filename.rsplit("/", 1)[-1] == name]
     if len(matching) != 1:

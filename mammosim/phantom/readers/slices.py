@@ -16,7 +16,7 @@ from mammosim.phantom.readers.axes import OBLIQUE_LIMIT_DEG
 UNEVEN = 0.02
 """Of the distance of slices: more than rounding in a header (16 characters a number) explains."""
 
-MOST_SHOWN = 5
+MAX_SHOWN = 5
 """Gaps and pairs named in a message."""
 
 
@@ -94,12 +94,12 @@ def _check_even(gaps: NDArray[np.float64], step: float, names: Sequence[str], pa
     problems = [
         f"{path}: {names[n]} and {names[n + 1]} lie {gaps[n]:.4g} mm apart, others {step:.4g} mm: "
         "a slice is there twice"
-        for n in twice[:MOST_SHOWN]
+        for n in twice[:MAX_SHOWN]
     ]
     problems += [
         f"{path}: {names[n]} and {names[n + 1]} lie {gaps[n]:.4g} mm apart, others {step:.4g} mm: "
         f"{max(round(gaps[n] / step) - 1, 1)} missing between them"
-        for n in wide[:MOST_SHOWN]
+        for n in wide[:MAX_SHOWN]
     ]
     if not problems and (np.abs(gaps - step) > UNEVEN * step).any():
         problems.append(
@@ -152,5 +152,5 @@ def by_number(
                 f"{gap - 1} missing between them"
             )
     if problems:
-        raise InputError(problems[:MOST_SHOWN])
+        raise InputError(problems[:MAX_SHOWN])
     return SliceOrder(tuple(index), thickness_mm, False)

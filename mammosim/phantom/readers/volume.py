@@ -16,7 +16,7 @@ from mammosim.phantom.label_table import LabelTable
 MAX_DEFLATE_RATIO = 1032
 """Deflate's greatest compression (zlib technical details): a header that promises more lies."""
 
-LEAST_MM, MOST_MM = 1e-6, 1e3
+MIN_MM, MAX_MM = 1e-6, 1e3
 """Of a voxel: far beyond any phantom in either direction, even with its size in metres or nm."""
 
 MAX_ORIGIN_MM = 1e6
@@ -152,10 +152,10 @@ def checked_spacing(spacing_mm: ArrayLike, path: Path) -> NDArray[np.float64]:
     """(3,) voxel size, refused unless positive and of this world."""
     spacing = np.asarray(spacing_mm, dtype=np.float64)
     # Not (< least), so that NaN is refused too.
-    if spacing.shape != (3,) or not ((spacing >= LEAST_MM) & (spacing <= MOST_MM)).all():
+    if spacing.shape != (3,) or not ((spacing >= MIN_MM) & (spacing <= MAX_MM)).all():
         raise InputError(
             f"{path}: voxel size is {np.asarray(spacing_mm).tolist()} mm, expected three positive "
-            f"numbers from {LEAST_MM:g} to {MOST_MM:g}"
+            f"numbers from {MIN_MM:g} to {MAX_MM:g}"
         )
     return spacing
 

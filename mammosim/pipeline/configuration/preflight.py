@@ -20,7 +20,7 @@ from mammosim.errors import InputError, NotConverged
 from mammosim.phantom import BreastPhantom, PhantomSettings, box_text, check_shapes, make_phantom
 from mammosim.pipeline.configuration.resolved_view import ResolvedView
 from mammosim.pipeline.configuration.run_config import RunConfig
-from mammosim.plausibility import doubts
+from mammosim.plausibility import plausibility_warnings
 from mammosim.projection import (
     cast_shadow,
     check_arc,
@@ -59,7 +59,7 @@ def check_before(config: RunConfig) -> tuple[str, ...]:
         check_compression(one, breast, slack_mm)
         found += _check_shadows(one, breast)
         found += breast.notes if one.phantom.generate is None else ()
-        found += map(str, doubts({"breast_volume_ml": breast_volume_ml(breast)}))
+        found += map(str, plausibility_warnings({"breast_volume_ml": breast_volume_ml(breast)}))
         for view in one.resolved_views:
             compresses = MODELS[view.compression.model].compresses
             found += held_before(breast, view.position(breast.laterality), compresses)
@@ -160,8 +160,10 @@ def _check_shadows(config: RunConfig, breast: BreastPhantom) -> list[str]:
         compressed = _coarsely_compressed(breast, view)
         if compressed is None:
             continue  # the run itself says it better
-        foreseen = doubts(MODELS[view.compression.model].foreseen(compressed, view.compression))
-        notes += [f"{compressed.view.folder}: {doubt}, {_BY_ESTIMATE}" for doubt in foreseen]
+        foreseen = plausibility_warnings(
+            MODELS[view.compression.model].foreseen(compressed, view.compression)
+        )
+        notes += [f"{compressed.view.folder}: {warning}, {_BY_ESTIMATE}" for warning in foreseen]
         if not compressed.converged:
             continue
         try:

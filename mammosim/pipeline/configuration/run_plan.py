@@ -10,37 +10,37 @@ from mammosim.errors import InputError
 from mammosim.phantom import PhantomSettings, address_bytes, expected_voxels
 from mammosim.pipeline.configuration.resolved_view import ResolvedView
 from mammosim.pipeline.configuration.run_config import RunConfig
-from mammosim.plausibility import doubts
+from mammosim.plausibility import plausibility_warnings
 from mammosim.reconstruction import reconstruction_gb, reconstruction_seconds
 
 # Bytes and seconds below were measured with benchmarks/pipeline.py (see benchmarks/RESULTS.md) on
 # as many cores; the estimates are rounded up and only meant to tell minutes from hours.
 PLANNED_CORES = 2
 
-BYTES_A_VOXEL = 1.3
+BYTES_PER_VOXEL = 1.3
 """Fine labels: one byte, and what reading or generating them needs beside it."""
 
-BYTES_A_PIXEL = 130.0
+BYTES_PER_PIXEL = 130.0
 """Path lengths of about eight tissues, twice in single precision, and the exposure's images."""
 
-BYTES_A_CONTRAST_PIXEL = 30.0
+BYTES_PER_CONTRAST_PIXEL = 30.0
 """Of a second exposure with a contrast agent: signal and its second moment, counts, iodine."""
 
-BYTES_A_LESION_PIXEL = 4.0
+BYTES_PER_LESION_PIXEL = 4.0
 """Of each lesion's mask, and of the segmentation while it is packed; measured 2.5 with 30 to 100
 clips. Its path lengths take memory only where rays meet it."""
 
-BYTES_A_PROJECTED_PIXEL = 3.0
+BYTES_PER_PROJECTED_PIXEL = 3.0
 """Of a series of projections: 16 bits, and one byte of the lesions' mask."""
 
-BYTES_A_DRAWN_PIXEL = 30.0
+BYTES_PER_DRAWN_PIXEL = 30.0
 """Of what arrives at the detector, twice more in single precision and second moment, and of one
 draw's images, where several realisations are made."""
 
 BYTES_PER_MAPPED_MM3 = 80.0
 """Of a dose map: each of 16 batches' energy in a coarse voxel of 1 mm, and the voxel itself."""
 
-SECONDS_A_DRAWN_PIXEL = 6e-7
+SECONDS_PER_DRAWN_PIXEL = 6e-7
 """Noise and processing of one more draw, and its files."""
 
 BASE_BYTES = 4.5e8
@@ -66,8 +66,8 @@ UNEVEN_IODINE = (
 START_S = 5.0
 """Until the first stage begins, s."""
 
-SECONDS_A_VOXEL = {"file": 4e-8, "generate": 4e-7}
-SECONDS_A_PIXEL = 2.5e-6
+SECONDS_PER_VOXEL = {"file": 4e-8, "generate": 4e-7}
+SECONDS_PER_PIXEL = 2.5e-6
 
 POSTURE_SHARE, UNLOADING_SHARE = 0.15, 0.5
 """Time of a posture's equilibrium, and of the search for the shape without weight, over that of a
@@ -137,7 +137,7 @@ def make_plan(config: RunConfig) -> Plan:
     sides = [_plan_side(one, str(one.first_side) if both else "") for one in config.sides]
     lines = [line for side in sides for line in side.lines]
     lines += _target_lines(config)
-    memory = BASE_BYTES + COMPILER_BYTES + sum(side.voxels * BYTES_A_VOXEL for side in sides)
+    memory = BASE_BYTES + COMPILER_BYTES + sum(side.voxels * BYTES_PER_VOXEL for side in sides)
     memory += max(side.view_bytes for side in sides) * sum(side.views for side in sides)
     memory += max(side.mask_bytes for side in sides)
     stages = [side.phantom_stage for side in sides]
@@ -169,7 +169,7 @@ def _plan_side(config: RunConfig, named: str) -> _SidePlan:
     source = _source(config.phantom, voxels)
     lines = [f"{named}: {source}" if named else source]
     kind = "file" if config.phantom.file else "generate"
-    made = PlannedStage("", "phantom", voxels * SECONDS_A_VOXEL[kind])
+    made = PlannedStage("", "phantom", voxels * SECONDS_PER_VOXEL[kind])
     stages: list[PlannedStage] = []
     sampled: list[PlannedStage] = []
     largest = masks = 0.0
@@ -193,8 +193,8 @@ def _plan_side(config: RunConfig, named: str) -> _SidePlan:
         height, width = projection.detector_mm or (240.0, 180.0)
         pixels = height * width / projection.pixel_mm**2
         stack, drawn = _picture_bytes(view, pixels, voxels * voxel_volume_mm3)
-        largest = max(largest, lattice_bytes + pixels * BYTES_A_PIXEL + stack + drawn)
-        masks = max(masks, pixels * lesions * BYTES_A_LESION_PIXEL)
+        largest = max(largest, lattice_bytes + pixels * BYTES_PER_PIXEL + stack + drawn)
+        masks = max(masks, pixels * lesions * BYTES_PER_LESION_PIXEL)
         stages += _picture_stages(view, pixels)
         line = _view_line(named + view.label, compression, projection.pixel_mm, nodes, pixels)
         if sweep and sweep.reconstruct is not None:
@@ -218,21 +218,21 @@ def _plan_side(config: RunConfig, named: str) -> _SidePlan:
 def _picture_bytes(view: ResolvedView, pixels: float, breast_mm3: float) -> tuple[float, float]:
     """Bytes of a view's projections, contrast and dose map, and those of its noise realisations."""
     acquisition, sweep = view.acquisition, view.tomosynthesis
-    stack = pixels * sweep.projections * BYTES_A_PROJECTED_PIXEL if sweep else 0.0
+    stack = pixels * sweep.projections * BYTES_PER_PROJECTED_PIXEL if sweep else 0.0
     if acquisition.contrast is not None:
-        stack += pixels * BYTES_A_CONTRAST_PIXEL
+        stack += pixels * BYTES_PER_CONTRAST_PIXEL
     if view.dose_map and acquisition.scatter_model == "monte-carlo":
         stack += breast_mm3 * BYTES_PER_MAPPED_MM3
-    return stack, pixels * BYTES_A_DRAWN_PIXEL if (acquisition.realisations or 1) > 1 else 0.0
+    return stack, pixels * BYTES_PER_DRAWN_PIXEL if (acquisition.realisations or 1) > 1 else 0.0
 
 
 def _picture_stages(view: ResolvedView, pixels: float) -> list[PlannedStage]:
     """Projection and acquisition of a view."""
     acquisition, sweep = view.acquisition, view.tomosynthesis
-    seconds = pixels * SECONDS_A_PIXEL * (sweep.projections if sweep else 1)
+    seconds = pixels * SECONDS_PER_PIXEL * (sweep.projections if sweep else 1)
     if acquisition.contrast is not None:
-        seconds += pixels * SECONDS_A_PIXEL
-    seconds += pixels * SECONDS_A_DRAWN_PIXEL * ((acquisition.realisations or 1) - 1)
+        seconds += pixels * SECONDS_PER_PIXEL
+    seconds += pixels * SECONDS_PER_DRAWN_PIXEL * ((acquisition.realisations or 1) - 1)
     if sweep:
         return [PlannedStage(view.label, "projections", seconds)]
     shares = {"projection": PROJECTION_SHARE, "acquisition": 1.0 - PROJECTION_SHARE}
@@ -253,7 +253,7 @@ def _warnings(config: RunConfig) -> list[str]:
         if sweep is not None and view.acquisition.scatter_model != "monte-carlo":
             given["unknown_dose_angle_deg"] = max(abs(angle) for angle in sweep.angles_deg)
         known = {name: value for name, value in given.items() if value is not None}
-        texts = [str(doubt) for doubt in doubts(known)]
+        texts = [str(warning) for warning in plausibility_warnings(known)]
         if sweep is None:  # whose tube turns about a breast on the detector
             texts += magnification_warnings(
                 view.projection.magnification,

@@ -140,27 +140,27 @@ class RunFolder:
         """Where the uncompressed breast of a side is: of two breasts in a folder each."""
         return self.path if len(self._config.sides) == 1 else self.path / side
 
-    def write_compression(self, squeezed: CompressedBreast) -> None:
+    def write_compression(self, compressed: CompressedBreast) -> None:
         """Write a view's compressed labels, displacement, history and measures."""
         self._begin_or_go_on()
         settings = self._config.export
         wanted = settings.volumes or settings.compressed_formats
-        labels, frame = compressed_labels(squeezed) if wanted else (None, None)
-        folder = self.path / squeezed.view.folder
-        write_compressed(folder, squeezed, settings, labels, frame, self._config.seed)
+        labels, frame = compressed_labels(compressed) if wanted else (None, None)
+        folder = self.path / compressed.view.folder
+        write_compressed(folder, compressed, settings, labels, frame, self._config.seed)
 
     def write_view(self, result: ViewResult) -> None:
         """Write a view's pictures and masks, of a mammogram or of a series of projections."""
         if result.paths is None or result.mammogram is None:
             return
         self._begin_or_go_on()
-        folder, export = self.path / result.squeezed.view.folder, self._config.export
+        folder, export = self.path / result.compressed.view.folder, self._config.export
         if result.series is not None:
             write_series(
                 folder, result.series, result.paths, result.lesion_images, export, self._identity
             )
             if result.reconstruction is not None:
-                masks = slice_masks(result.squeezed, result.reconstruction, result.targets)
+                masks = slice_masks(result.compressed, result.reconstruction, result.targets)
                 write_reconstruction(
                     folder, result.series, result.reconstruction, masks, export, self._identity
                 )
@@ -187,7 +187,7 @@ class RunFolder:
         record = self._record(study, status)
         if self._config.report.html:
             views = [
-                ReportedView(view.squeezed, view.mammogram, view.reconstruction)
+                ReportedView(view.compressed, view.mammogram, view.reconstruction)
                 for view in study.views.values()
             ]
             page = render_report(
@@ -226,7 +226,7 @@ class RunFolder:
     def _write_markups(self, study: Study) -> None:
         """Targets as 3D Slicer's markups: where they were beside the breast, and in each view."""
         for view in study.views.values():
-            seen, side = view.squeezed.view, view.squeezed.view.laterality
+            seen, side = view.compressed.view, view.compressed.view.laterality
             if not view.targets:
                 continue
             path = self.path / seen.folder / MARKUPS_FILE
@@ -279,14 +279,14 @@ def _series_record(result: ViewResult) -> dict[str, Any]:
 
 def _view_record(result: ViewResult) -> dict[str, Any]:
     """Numbers of one view: compression, technique, dose and density."""
-    squeezed, mammogram = result.squeezed, result.mammogram
+    compressed, mammogram = result.compressed, result.mammogram
     record = {
-        "view": squeezed.view.label,
-        "laterality": squeezed.view.laterality,
-        "model": squeezed.model,
-        "converged": squeezed.converged,
-        "thickness_mm": squeezed.thickness_mm,
-        "force_n": squeezed.force_n,
+        "view": compressed.view.label,
+        "laterality": compressed.view.laterality,
+        "model": compressed.model,
+        "converged": compressed.converged,
+        "thickness_mm": compressed.thickness_mm,
+        "force_n": compressed.force_n,
     }
     if mammogram is None:
         return record

@@ -23,7 +23,7 @@ def save_study(study: Study, folder: str | PathLike[str], overwrite: bool = Fals
         for breast in study.breasts:
             run.write_phantom(breast)
         for view in study.views.values():
-            run.write_compression(view.squeezed)
+            run.write_compression(view.compressed)
             run.write_view(view)
-        converged = all(view.squeezed.converged for view in study.views.values())
+        converged = all(view.compressed.converged for view in study.views.values())
         run.write_summary(study, "done" if converged else "not converged")

@@ -101,12 +101,12 @@ class StageCache:
         }
         key = stage_key(COMPRESSION_ROOMS, values, self._inputs)
         # The breast has its own file, or is in the phantom's.
-        squeezed: CompressedBreast = self._kept(
+        compressed: CompressedBreast = self._kept(
             f"{view.folder}.compression", key, make, lambda made: replace(made, phantom=None)
         )
-        if squeezed.phantom is None:
-            squeezed = replace(squeezed, phantom=as_held(breast, view.rotation[1]))
-        return squeezed
+        if compressed.phantom is None:
+            compressed = replace(compressed, phantom=as_held(breast, view.rotation[1]))
+        return compressed
 
     def _kept(
         self,

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from mammosim.errors import InputError
 from mammosim.pipeline.locate.saved_views import SavedView, read_views
 from mammosim.targets import (
+    ImagePoint,
     Located,
     RayCurve,
-    Sight,
     curve_of,
     point_at_height,
-    point_from_sights,
+    point_from_image_points,
 )
 
 
@@ -27,7 +27,7 @@ class LocatedInRun:
 
     Parameters
     ----------
-    sights : tuple of Sight
+    image_points : tuple of ImagePoint
         The pixels, in the order given.
     found : Located or RayCurve
         A point, or for one pixel without a height the curve of all points on its ray.
@@ -37,7 +37,7 @@ class LocatedInRun:
         Views whose compression did not converge.
     """
 
-    sights: tuple[Sight, ...]
+    image_points: tuple[ImagePoint, ...]
     found: Located | RayCurve
     nipple_mm: NDArray[np.float64]
     not_converged: tuple[str, ...]
@@ -81,18 +81,19 @@ def locate_in_run(
     saved = read_views(run, views)
     _check_breast(saved)
     angles = tube_angles_deg or [0.0] * len(views)
-    sights = tuple(
-        saved[name].sight(*at, angle) for name, at, angle in zip(views, pixels, angles, strict=True)
+    image_points = tuple(
+        saved[name].image_point(*at, angle)
+        for name, at, angle in zip(views, pixels, angles, strict=True)
     )
     found: Located | RayCurve
-    if len(sights) > 1:
-        found = point_from_sights(sights)
+    if len(image_points) > 1:
+        found = point_from_image_points(image_points)
     elif height_mm is not None:
-        found = point_at_height(sights[0], height_mm)
+        found = point_at_height(image_points[0], height_mm)
     else:
-        found = curve_of(sights[0], step_mm)
+        found = curve_of(image_points[0], step_mm)
     lost = tuple(name for name, view in saved.items() if not view.converged)
-    return LocatedInRun(sights, found, saved[views[0]].nipple_mm, lost)
+    return LocatedInRun(image_points, found, saved[views[0]].nipple_mm, lost)
 
 
 def _check_breast(saved: Mapping[str, SavedView]) -> None:

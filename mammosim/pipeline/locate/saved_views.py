@@ -17,7 +17,7 @@ from mammosim.config import read_text
 from mammosim.errors import InputError
 from mammosim.export import read_compressed_labels, read_displacement, read_geometry
 from mammosim.geometry import Gantry, VoxelFrame
-from mammosim.targets import Sight, stereotactic
+from mammosim.targets import ImagePoint, stereotactic
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +45,13 @@ class SavedView:
     labels: NDArray[np.uint8] | None
     labels_frame: VoxelFrame | None
 
-    def sight(self, row: float, column: float, tube_angle_deg: float = 0.0) -> Sight:
+    def image_point(self, row: float, column: float, tube_angle_deg: float = 0.0) -> ImagePoint:
         """A pixel of this view, with the tube upright or turned."""
         name = self.gantry.view.label
         if tube_angle_deg:
             name += f" at {tube_angle_deg:g} degrees"
         gantry = stereotactic(self.gantry, tube_angle_deg)
-        return Sight(name, self.field, gantry, row, column, self.labels, self.labels_frame)
+        return ImagePoint(name, self.field, gantry, row, column, self.labels, self.labels_frame)
 
 
 def read_views(run: str | PathLike[str], names: Sequence[str]) -> dict[str, SavedView]:

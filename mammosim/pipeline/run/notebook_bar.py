@@ -14,7 +14,7 @@ from mammosim.pipeline.configuration import RunConfig, make_plan
 from mammosim.pipeline.run_progress import RunProgress, stage_in_words
 from mammosim.pipeline.study import OnProgress
 
-SECONDS_A_CHANGE = 0.5
+SECONDS_PER_CHANGE = 0.5
 """Between two changes of the bar within a stage, so that messages do not pile up."""
 
 
@@ -46,7 +46,7 @@ def notebook_bar(config: RunConfig, on_progress: OnProgress | None) -> Iterator[
         nonlocal last
         if row is None:
             run.report(view, stage)
-        if row is None or monotonic() - last > SECONDS_A_CHANGE:
+        if row is None or monotonic() - last > SECONDS_PER_CHANGE:
             last = monotonic()
             text = f"{stage_in_words(view, stage)} ({run.sentence(datetime.now())})"
             bar.update(HTML(_bar(run.share, text)))

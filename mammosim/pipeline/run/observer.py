@@ -35,7 +35,7 @@ STAGE_NAMES = {
     "project_arc": "projections",
     "expose_arc": "projections",
     "reconstruct": "reconstruction",
-    "exam_answers": "lesion shift",
+    "exam_results": "lesion shift",
 }
 """What the record and the progress call each stage, by its function."""
 
@@ -132,7 +132,7 @@ class RunObserver:
 
     def keep(self, result: ViewResult) -> None:
         """Note and write a view that is done."""
-        folder = result.squeezed.view.folder
+        folder = result.compressed.view.folder
         self._views[folder] = result
         if self._output is not None:
             with self._timing(folder, "export"):

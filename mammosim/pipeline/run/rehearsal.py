@@ -30,7 +30,7 @@ SEMI_AXES_MM = (42.0, 48.0, 42.0)
 
 VOXEL_MM, ELEMENT_MM, PIXEL_MM = 2.0, 7.0, 1.0
 
-FEWEST_PHOTONS = 10_000
+MIN_PHOTONS = 10_000
 """The fewest that a configuration may ask for."""
 
 
@@ -86,7 +86,7 @@ def _coarse(view: ResolvedView) -> ResolvedView:
 def _few_photons(settings: AcquisitionSettings) -> AcquisitionSettings:
     if settings.scatter_model != "monte-carlo":
         return settings
-    few = AcquisitionSettings.model_validate({"scatter": {"photons": FEWEST_PHOTONS}})
+    few = AcquisitionSettings.model_validate({"scatter": {"photons": MIN_PHOTONS}})
     return settings.model_copy(update={"scatter": few.scatter})
 
 

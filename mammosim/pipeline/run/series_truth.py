@@ -21,13 +21,13 @@ class SeriesTruth:
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     first_id : int
         Number of the breast's first target in the run.
     """
 
-    def __init__(self, squeezed: CompressedBreast, first_id: int = 1) -> None:
-        self._squeezed, self._first_id = squeezed, first_id
+    def __init__(self, compressed: CompressedBreast, first_id: int = 1) -> None:
+        self._compressed, self._first_id = compressed, first_id
         self._middle: PathLengths | None = None
         self._targets: tuple[Target, ...] = ()
         self._images: dict[int, NDArray[np.unsignedinteger]] = {}
@@ -36,7 +36,7 @@ class SeriesTruth:
         """Note one projection; `expose_arc` passes the middle one first."""
         if self._middle is None:
             self._middle = paths
-            self._targets = tuple(find_targets(self._squeezed, paths, first_id=self._first_id))
+            self._targets = tuple(find_targets(self._compressed, paths, first_id=self._first_id))
         if any(paths.lesion_labels):
             masks = lesion_masks(paths, self._targets)
             self._images[index] = label_image(masks, (paths.gantry.rows, paths.gantry.columns))
@@ -48,5 +48,5 @@ class SeriesTruth:
         if slices is not None:
             targets = tuple(in_volume(target, slices.grid) for target in targets)
         return ViewResult(
-            self._squeezed, self._middle, series.middle, targets, series, images, slices
+            self._compressed, self._middle, series.middle, targets, series, images, slices
         )

@@ -24,24 +24,24 @@ from mammosim.pipeline.configuration import ResolvedView, RunConfig
 from mammosim.pipeline.study import OnProgress, ViewResult
 from mammosim.targets import (
     BiopsyResult,
-    Origin,
+    LesionShiftResults,
     RuleError,
-    ShiftAnswers,
     ShiftUncertainty,
     Target,
     UncertaintySettings,
+    UncompressedTarget,
     aim_needles,
     draw_samples,
     mean_shift_mm,
     rule_errors,
     sampled_shifts,
-    target_doubts,
     target_origins,
+    target_warnings,
     touching_lesions,
     uncertainties,
 )
 
-MOST_NAMED = 5
+MAX_NAMED = 5
 """Samples without equilibrium that a warning describes."""
 
 
@@ -49,16 +49,16 @@ MOST_NAMED = 5
 class _Position:
     """The breast as it is held, and the settings of that compression."""
 
-    squeezed: CompressedBreast
+    compressed: CompressedBreast
     settings: CompressionSettings
 
 
-def exam_answers(
+def exam_results(
     breasts: Sequence[BreastPhantom],
     views: Mapping[str, ViewResult],
     config: RunConfig,
     on_progress: OnProgress,
-) -> ShiftAnswers:
+) -> LesionShiftResults:
     """Answer what the configuration asks about the targets of each breast, one after the other.
 
     Parameters
@@ -77,22 +77,22 @@ def exam_answers(
     for one, breast in zip(config.sides, breasts, strict=True):
         own = {
             name: view for name, view in views.items()
-            if view.squeezed.view.laterality == breast.laterality
+            if view.compressed.view.laterality == breast.laterality
         }  # fmt: skip
-        found = shift_answers(breast, own, one, on_progress)
+        found = lesion_shift_results(breast, own, one, on_progress)
         rules += found.rules
         biopsy += found.biopsy
         spread += found.uncertainty
         notes += found.notes
-    return ShiftAnswers(tuple(rules), tuple(biopsy), tuple(spread), tuple(notes))
+    return LesionShiftResults(tuple(rules), tuple(biopsy), tuple(spread), tuple(notes))
 
 
-def shift_answers(
+def lesion_shift_results(
     breast: BreastPhantom,
     views: Mapping[str, ViewResult],
     config: RunConfig,
     on_progress: OnProgress,
-) -> ShiftAnswers:
+) -> LesionShiftResults:
     """Answer what the configuration asks about the targets of one breast's views.
 
     Parameters
@@ -109,7 +109,7 @@ def shift_answers(
     origins = target_origins(breast)
     notes = list(touching_lesions(breast))
     for result in seen.values():
-        notes += target_doubts(result.squeezed, result.targets, origins)
+        notes += target_warnings(result.compressed, result.targets, origins)
     positions: dict[str, _Position] = {}
     biopsy: list[BiopsyResult] = []
     if config.targets.biopsy is not None:
@@ -118,18 +118,18 @@ def shift_answers(
         notes += not_held
         for folder, position in positions.items():
             result, needle = seen[folder], config.targets.biopsy.needle
-            biopsy += aim_needles(result.squeezed, result.targets, position.squeezed, needle)
+            biopsy += aim_needles(result.compressed, result.targets, position.compressed, needle)
     spread: list[ShiftUncertainty] = []
     if config.targets.uncertainty is not None:
         at_mammogram = {
-            folder: _Position(result.squeezed, settings[folder].compression)
+            folder: _Position(result.compressed, settings[folder].compression)
             for folder, result in seen.items()
         }
         spread, lost = _spread(origins, at_mammogram, positions, config, on_progress)
         first = min((row.target_id for view in seen.values() for row in view.targets), default=1)
         spread = [replace(row, target_id=row.target_id + first - 1) for row in spread]
         notes += lost
-    return ShiftAnswers(_rules(seen), tuple(biopsy), tuple(spread), tuple(notes))
+    return LesionShiftResults(_rules(seen), tuple(biopsy), tuple(spread), tuple(notes))
 
 
 def with_ellipsoids(
@@ -156,10 +156,10 @@ def with_ellipsoids(
 def _rules(seen: Mapping[str, ViewResult]) -> tuple[RuleError, ...]:
     """Of each two standard views; one with a title of its own is another picture of such a view."""
     plain = {
-        result.squeezed.view.label: (result.targets, result.mammogram.gantry)
+        result.compressed.view.label: (result.targets, result.mammogram.gantry)
         for result in seen.values()
         if result.mammogram is not None
-        and not (result.squeezed.view.tomosynthesis or result.squeezed.view.title)
+        and not (result.compressed.view.tomosynthesis or result.compressed.view.title)
     }
     return tuple(rule_errors(plain))
 
@@ -175,7 +175,7 @@ def _biopsy_positions(
     Equal positions are computed once.
     """
     made = {
-        _key(settings[folder].view, settings[folder].compression): result.squeezed
+        _key(settings[folder].view, settings[folder].compression): result.compressed
         for folder, result in seen.items()
     }
     positions: dict[str, _Position] = {}
@@ -205,7 +205,7 @@ def _key(view: str, compression: CompressionSettings, posture: str | None = None
 
 
 def _spread(
-    origins: Sequence[Origin],
+    origins: Sequence[UncompressedTarget],
     at_mammogram: Mapping[str, _Position],
     at_biopsy: Mapping[str, _Position],
     config: RunConfig,
@@ -223,41 +223,41 @@ def _spread(
     notes: list[str] = []
     for folder, position in at_mammogram.items():
         on_progress(folder, "uncertainty", None)
-        label, watch = position.squeezed.view.label, partial(on_progress, folder)
+        label, watch = position.compressed.view.label, partial(on_progress, folder)
         shifts[label], lost = _sampled(origins, position, folder, config, watch)
         notes += lost
         if folder in at_biopsy:
             held = at_biopsy[folder]
-            key = id(held.squeezed)
+            key = id(held.compressed)
             if key not in done:
-                what = f"biopsy {held.squeezed.view.folder}"
+                what = f"biopsy {held.compressed.view.folder}"
                 done[key], lost = _sampled(origins, held, what, config, watch)
                 notes += lost
             biopsy_shifts[label] = done[key]
-            if held.squeezed.posture is not None:
-                postures[f"{label} {held.squeezed.posture}"] = done[key]
+            if held.compressed.posture is not None:
+                postures[f"{label} {held.compressed.posture}"] = done[key]
     spread = uncertainties(origins, shifts, biopsy_shifts if at_biopsy else None)
     return spread + uncertainties(origins, postures), notes
 
 
 def _sampled(
-    origins: Sequence[Origin],
+    origins: Sequence[UncompressedTarget],
     held: _Position,
     what: str,
     config: RunConfig,
-    tell: Callable[[str, np.void], None],
+    on_progress: Callable[[str, np.void], None],
 ) -> tuple[NDArray[np.float64], list[str]]:
     """Shift of each target in each sample of one position, [sample, target, 3], mm; and notes."""
     settings = config.targets.uncertainty or UncertaintySettings()
-    if not held.squeezed.is_compressed and held.squeezed.posture is None:  # nothing varies
-        still = np.array([mean_shift_mm(held.squeezed.field, origin) for origin in origins])
+    if not held.compressed.is_compressed and held.compressed.posture is None:  # nothing varies
+        still = np.array([mean_shift_mm(held.compressed.field, origin) for origin in origins])
         return np.broadcast_to(still, (settings.samples, *still.shape)), []
-    sampler = Sampler(held.squeezed, held.settings)
+    sampler = Sampler(held.compressed, held.settings)
     ratio = held.settings.fibres.ratio if sampler.has_fibres else None
     samples = draw_samples(settings, sampler.groups, what, config.seed, ratio)
 
     def watch(number: int, row: np.void) -> None:
-        tell(f"uncertainty, sample {number + 1} of {len(samples)}", row)
+        on_progress(f"uncertainty, sample {number + 1} of {len(samples)}", row)
 
     found = sampled_shifts(sampler, origins, samples, watch)
     lost = np.flatnonzero(np.isnan(found).any(axis=(1, 2)))
@@ -266,8 +266,8 @@ def _sampled(
 
 def _left_out(what: str, samples: Sequence[Sample], lost: Sequence[int]) -> str:
     """One sentence that counts the samples without equilibrium and names them."""
-    named = "; ".join(f"{number + 1} ({samples[number]})" for number in lost[:MOST_NAMED])
-    more = f"; and {len(lost) - MOST_NAMED} more" if len(lost) > MOST_NAMED else ""
+    named = "; ".join(f"{number + 1} ({samples[number]})" for number in lost[:MAX_NAMED])
+    more = f"; and {len(lost) - MAX_NAMED} more" if len(lost) > MAX_NAMED else ""
     return (
         f"{what}: {len(lost)} of {len(samples)} samples did not converge and were omitted: "
         f"{named}{more}"

@@ -24,7 +24,7 @@ from mammosim.pipeline.folder import RunFolder
 from mammosim.pipeline.run.notebook_bar import notebook_bar
 from mammosim.pipeline.run.observer import Observe, RunObserver, unobserved
 from mammosim.pipeline.run.series_truth import SeriesTruth
-from mammosim.pipeline.run.shift_analysis import exam_answers, with_ellipsoids
+from mammosim.pipeline.run.shift_analysis import exam_results, with_ellipsoids
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 from mammosim.projection import project, project_arc
 from mammosim.reconstruction import reconstruct
@@ -86,7 +86,7 @@ def _simulate(config: RunConfig, observer: RunObserver) -> Study:
                     result = simulate_view(breast, view, one.seed, observe, first_id, watch)
                 observer.keep(result)
             first_id += len(breast.lesions) + len(breast.landmarks) + 1  # the nipple
-        answers = observer.of_run(exam_answers)(
+        answers = observer.of_run(exam_results)(
             breasts, observer.views, config, observer.on_progress
         )
         views = with_ellipsoids(observer.views, answers.uncertainty)

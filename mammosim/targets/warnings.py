@@ -7,29 +7,29 @@ from collections.abc import Sequence
 import numpy as np
 
 from mammosim.compression import CompressedBreast
-from mammosim.targets.origins import Origin
+from mammosim.targets.origins import UncompressedTarget
 from mammosim.targets.target import Target
 
 
-def target_doubts(
-    squeezed: CompressedBreast, targets: Sequence[Target], origins: Sequence[Origin]
+def target_warnings(
+    compressed: CompressedBreast, targets: Sequence[Target], origins: Sequence[UncompressedTarget]
 ) -> tuple[str, ...]:
     """One sentence for each target of a view that left its field or its lattice.
 
     Parameters
     ----------
-    squeezed : CompressedBreast
+    compressed : CompressedBreast
     targets : sequence of Target
         Of this view.
-    origins : sequence of Origin
+    origins : sequence of UncompressedTarget
         The same targets before compression.
     """
     notes = []
     for target, origin in zip(targets, origins, strict=True):
-        what = f"{squeezed.view.folder}: {target.kind} '{target.name}'"
+        what = f"{compressed.view.folder}: {target.kind} '{target.name}'"
         if target.kind == "nipple":
-            what = f"{squeezed.view.folder}: the nipple"
-        if squeezed.is_compressed and not _beside_lattice(squeezed, origin):
+            what = f"{compressed.view.folder}: the nipple"
+        if compressed.is_compressed and not _beside_lattice(compressed, origin):
             notes.append(
                 f"{what} is not in the mechanical lattice (its tissue does not reach the chest "
                 "wall, or is finer than the lattice); its shift is that of the nearest nodes"
@@ -39,13 +39,13 @@ def target_doubts(
     return tuple(notes)
 
 
-def _beside_lattice(squeezed: CompressedBreast, origin: Origin) -> bool:
+def _beside_lattice(compressed: CompressedBreast, origin: UncompressedTarget) -> bool:
     """Whether any of a target's points has a tissue node next to it.
 
     The tip of a nipple, less than half a node's block, has one behind it that it moves with.
     """
-    field = squeezed.field
-    points = squeezed.view.compression_from_breast(origin.points_mm)
+    field = compressed.field
+    points = compressed.view.compression_from_breast(origin.points_mm)
     index = np.rint(field.frame.index(points)).astype(np.intp)
     around = index[:, None] + np.indices((3, 3, 3)).reshape(3, -1).T - 1
     around = around.reshape(-1, 3)

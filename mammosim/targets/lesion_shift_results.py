@@ -10,7 +10,7 @@ from mammosim.targets.view_rules import RuleError
 
 
 @dataclass(frozen=True)
-class ShiftAnswers:
+class LesionShiftResults:
     """Answers beside the table of targets; what was not asked for is empty.
 
     Parameters
