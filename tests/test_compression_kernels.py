@@ -65,15 +65,15 @@ def test_inverse_of_a_small_lattice(largest, per_cell):
     """At rest, bent, also on a finer grid, and so far displaced that cells fold over each other."""
     rng = np.random.default_rng(4)
     nodes = 5 - per_cell  # few: the twin tries every cell at each of the grid's points
-    tissue = rng.random((nodes,) * 3) < 0.6
+    depth = rng.integers(-1, 4, (nodes,) * 3).clip(0).astype(np.int8)
     displacement = rng.uniform(-largest, largest, (nodes, nodes, nodes, 3))
     shift, shape = np.full(3, -1.0 * per_cell), ((nodes + 2) * per_cell,) * 3
     original, rank = np.full((*shape, 3), np.nan), np.zeros(shape, np.int8)
-    rasterise_inverse(displacement, tissue, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank)
+    rasterise_inverse(displacement, depth, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank)
     covered = 0
     for index in np.ndindex(*shape):
         point = (np.array(index) + shift) / per_cell
-        expected = naive.place_at_rest(displacement, tissue, point)
+        expected = naive.place_at_rest(displacement, depth, point)
         assert (rank[index] > 0) == (expected is not None)
         if expected is None:
             continue
@@ -86,15 +86,32 @@ def test_inverse_of_a_small_lattice(largest, per_cell):
     assert covered > 20
 
 
+def test_a_fold_of_the_surface_leaves_what_lies_deeper_alone():
+    """A corner of the surface is pushed through its cell and on, and so turns tetrahedra over; its
+    neighbours are drawn into the depth without turning any."""
+    depth = np.full((4, 4, 6), 3, np.int8)
+    depth[:, :, 0], depth[:, :, 1] = 1, 2
+    displacement = np.zeros((4, 4, 6, 3))
+    displacement[1, 1, 0, 2] = 3.4
+    displacement[2, 2, 0, 2], displacement[2, 2, 1, 2] = 2.9, 3.3
+    shift, shape = np.full(3, -1.0), (14, 14, 22)
+    original, rank = np.full((*shape, 3), np.nan), np.zeros(shape, np.int8)
+    rasterise_inverse(displacement, depth, 4.0, shift, KUHN_TETRAHEDRA, original, rank)
+    points = np.stack(np.indices(shape) - 1.0, axis=-1) / 4.0
+    unmoved = (rank > 0) & (points[..., 2] > 2.0)
+    assert unmoved.sum() > 1500
+    np.testing.assert_allclose(original[unmoved], points[unmoved], atol=1e-9)
+
+
 def test_a_finer_inverse_is_the_trilinear_fields():
     """Each point of it comes from a place that the field brings there; Kuhn's tetrahedra miss by
     more."""
     rng = np.random.default_rng(6)
-    tissue = np.ones((3, 3, 3), bool)
+    depth = np.ones((3, 3, 3), np.int8)
     displacement = rng.uniform(-0.2, 0.2, (3, 3, 3, 3))
     shift, shape = np.full(3, -4.0), (14, 14, 14)
     original, rank = np.full((*shape, 3), np.nan), np.zeros(shape, np.int8)
-    rasterise_inverse(displacement, tissue, 3.0, shift, KUHN_TETRAHEDRA, original, rank)
+    rasterise_inverse(displacement, depth, 3.0, shift, KUHN_TETRAHEDRA, original, rank)
     covered = np.argwhere(rank > 0)
     points = (covered + shift) / 3.0
 

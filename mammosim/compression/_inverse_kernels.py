@@ -15,31 +15,38 @@ _CLOSE_SQUARED = 1e-6
 """Square of the distance at which they stop: a thousandth of a cell."""
 
 # The six tetrahedra of a cube that share its diagonal 0-7 (Kuhn 1960); corner = 4 a + 2 b + c.
+# Corners are in such an order that the volume of each is positive.
 KUHN_TETRAHEDRA = np.array(
-    [[0, 4, 6, 7], [0, 4, 5, 7], [0, 2, 6, 7], [0, 2, 3, 7], [0, 1, 5, 7], [0, 1, 3, 7]]
+    [[0, 4, 6, 7], [0, 5, 4, 7], [0, 6, 2, 7], [0, 2, 3, 7], [0, 1, 5, 7], [0, 3, 1, 7]]
 )
+
+MAX_DEPTH = 7
+"""Largest depth below the surface that is told apart, in cells."""
 
 
 @kernel
-def rasterise_inverse(displacement, tissue, per_cell, shift, tetrahedra, original, rank):
+def rasterise_inverse(displacement, depth, per_cell, shift, tetrahedra, original, rank):
     """Write the place at rest of every grid point that a deformed cell covers.
 
     Places are in lattice units. There are `per_cell` grid points per lattice unit: grid point
-    [i, j, k] lies at ``([i, j, k] + shift) / per_cell``. Cells with at least one tissue node take
-    part; where cells overlap, the one with more tissue nodes wins, the first of equals. `rank`
-    holds the number of tissue nodes of the cell that wrote a point.
+    [i, j, k] lies at ``([i, j, k] + shift) / per_cell``. `depth` is how deep a node lies in the
+    tissue, 1 at its surface and 0 in air, up to `MAX_DEPTH`; cells with at least one tissue node
+    take part. Where tetrahedra overlap, the one of the deepest cell wins, by the sum over its
+    nodes: a cell of skin that folds at a plate's edge may reach several cells deep. Of equals, one
+    that is not turned inside out wins, then the first. `rank` is twice that sum for the cell that
+    wrote a point, and 1 more if its tetrahedron is not inside out; 0 where none did.
     """
-    nx, ny, nz = tissue.shape
+    nx, ny, nz = depth.shape
     corners = np.empty((8, 3))
     rest = np.empty((8, 3))
     for i in range(nx - 1):
         for j in range(ny - 1):
             for k in range(nz - 1):
-                nodes = np.intp(0)
+                below = np.intp(0)
                 for n in range(8):
                     a, b, c = i + n // 4, j + (n // 2) % 2, k + n % 2
-                    nodes += tissue[a, b, c]
-                if nodes == 0:
+                    below += depth[a, b, c]
+                if below == 0:
                     continue
                 for n in range(8):
                     a, b, c = i + n // 4, j + (n // 2) % 2, k + n % 2
@@ -48,12 +55,12 @@ def rasterise_inverse(displacement, tissue, per_cell, shift, tetrahedra, origina
                         place = rest[n, d] + displacement[a, b, c, d]
                         corners[n, d] = per_cell * place - shift[d]
                 for t in range(6):
-                    _fill_tetrahedron(corners, rest, tetrahedra[t], nodes, original, rank)
+                    _fill_tetrahedron(corners, rest, tetrahedra[t], below, original, rank)
 
 
 @kernel
-def _fill_tetrahedron(corners, rest, tetrahedron, nodes, original, rank):
-    """Write the grid points inside one deformed tetrahedron."""
+def _fill_tetrahedron(corners, rest, tetrahedron, below, original, rank):
+    """Write the grid points inside one deformed tetrahedron of a cell `below` the surface."""
     p, q, r, s = tetrahedron
     edges = np.empty((3, 3))
     low = np.empty(3, np.int64)
@@ -67,12 +74,14 @@ def _fill_tetrahedron(corners, rest, tetrahedron, nodes, original, rank):
         low[d] = max(int(np.ceil(smallest - _EDGE_SLACK)), 0)
         high[d] = min(int(np.floor(largest + _EDGE_SLACK)), rank.shape[d] - 1)
     inverse = np.empty((3, 3))
-    if not _invert(edges, inverse):
+    determinant = _invert(edges, inverse)
+    if determinant == 0.0:
         return
+    own = 2 * below + 1 if determinant > 0.0 else 2 * below
     for a in range(low[0], high[0] + 1):
         for b in range(low[1], high[1] + 1):
             for c in range(low[2], high[2] + 1):
-                if rank[a, b, c] >= nodes:
+                if rank[a, b, c] >= own:
                     continue
                 u, v, w = a - corners[p, 0], b - corners[p, 1], c - corners[p, 2]
                 first = inverse[0, 0] * u + inverse[0, 1] * v + inverse[0, 2] * w
@@ -80,7 +89,7 @@ def _fill_tetrahedron(corners, rest, tetrahedron, nodes, original, rank):
                 third = inverse[2, 0] * u + inverse[2, 1] * v + inverse[2, 2] * w
                 zeroth = 1.0 - first - second - third
                 if min(zeroth, first, second, third) >= -_EDGE_SLACK:
-                    rank[a, b, c] = nodes
+                    rank[a, b, c] = own
                     for d in range(3):
                         original[a, b, c, d] = (
                             zeroth * rest[p, d]
@@ -92,13 +101,13 @@ def _fill_tetrahedron(corners, rest, tetrahedron, nodes, original, rank):
 
 @kernel
 def _invert(m, out):
-    """Inverse of a 3 x 3 matrix; false where it has none."""
+    """Write the inverse of a 3 x 3 matrix; returns its determinant, 0 where it has no inverse."""
     c00 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
     c01 = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
     c02 = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
     determinant = m[0, 0] * c00 + m[0, 1] * c01 + m[0, 2] * c02
     if abs(determinant) < 1e-12:
-        return False
+        return 0.0
     out[0, 0] = c00 / determinant
     out[1, 0] = c01 / determinant
     out[2, 0] = c02 / determinant
@@ -108,7 +117,7 @@ def _invert(m, out):
     out[0, 2] = (m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]) / determinant
     out[1, 2] = (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]) / determinant
     out[2, 2] = (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) / determinant
-    return True
+    return determinant
 
 
 @parallel_kernel
@@ -143,7 +152,7 @@ def refine_inverse(thread, displacement, per_cell, shift, rank, original):
                     least = square
                     for d in range(3):
                         original[i, j, k, d] = place[d]
-                    if square < _CLOSE_SQUARED or not _invert(gradient, inverse):
+                    if square < _CLOSE_SQUARED or _invert(gradient, inverse) == 0.0:
                         break
                     for d in range(3):
                         for e in range(3):

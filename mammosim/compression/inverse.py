@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_cdt
 
 from mammosim.compression._inverse_kernels import (
     KUHN_TETRAHEDRA,
+    MAX_DEPTH,
     rasterise_inverse,
     refine_inverse,
 )
@@ -59,10 +61,10 @@ def invert(
     Notes
     -----
     Each deformed cell is cut into six tetrahedra in which the field is linear; grid points inside
-    get the exact inverse of that. Where tissue folds over itself, cells deeper inside win. With
-    one point per cell the grid's points coincide with the nodes where nothing moves. With more,
-    Newton steps lead from there to the inverse of the trilinear field, which other programs take
-    from `displacement.nii.gz`.
+    get the exact inverse of that. Where tissue folds over itself, cells deeper below the surface
+    win. With one point per cell the grid's points coincide with the nodes where nothing moves. With
+    more, Newton steps lead from there to the inverse of the trilinear field, which other programs
+    take from `displacement.nii.gz`.
     """
     displacement = displacement_mm / frame.spacing_mm
     index = np.argwhere(tissue)
@@ -72,7 +74,8 @@ def invert(
     shape = (nx, ny, nz)
     original = np.full((*shape, 3), np.nan)
     rank = np.zeros(shape, np.int8)
-    rasterise_inverse(displacement, tissue, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank)
+    depth = np.minimum(distance_transform_cdt(tissue), MAX_DEPTH).astype(np.int8)
+    rasterise_inverse(displacement, depth, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank)
     if per_cell > 1:
         refine_inverse(displacement, float(per_cell), shift, rank, original)
     covered = rank > 0

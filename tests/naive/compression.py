@@ -63,19 +63,19 @@ def one_straight_layer(field, known):
     return field, then
 
 
-def place_at_rest(displacement, tissue, point):
+def place_at_rest(displacement, depth, point):
     """Where a point of the deformed lattice was, in lattice units; None where nothing came.
 
     Each cell is cut into six tetrahedra around the diagonal from its first to its last corner: one
-    for each order in which the three axes can be walked. Of cells that cover the point the one
-    with the most tissue nodes wins, of equals the first.
+    for each order in which the three axes can be walked. Of those that cover the point the one
+    in the deepest cell wins, then one that is not turned inside out, then the first.
     """
-    best, answer = 0, None
+    best, answer = (0, False), None
     orders = [(0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
-    for cell in np.ndindex(*(size - 1 for size in tissue.shape)):
+    for cell in np.ndindex(*(size - 1 for size in depth.shape)):
         part = tuple(slice(c, c + 2) for c in cell)
-        nodes = int(tissue[part].sum())
-        if nodes <= best:
+        below = int(depth[part].sum())
+        if below == 0:
             continue
         for order in orders:
             corners = [np.array(cell)]
@@ -83,10 +83,11 @@ def place_at_rest(displacement, tissue, point):
                 corners.append(corners[-1] + np.eye(3, dtype=int)[axis])
             moved = np.array([corner + displacement[tuple(corner)] for corner in corners])
             matrix = np.vstack([moved.T, np.ones(4)])
-            if abs(np.linalg.det(matrix)) < 1e-12:
+            volume = np.linalg.det(moved[1:] - moved[0])
+            upright = volume * np.linalg.det(np.eye(3)[list(order)]) > 0.0
+            if abs(volume) < 1e-12 or (below, upright) <= best:
                 continue
             weights = np.linalg.solve(matrix, [*point, 1.0])
             if weights.min() >= -1e-9:
-                best, answer = nodes, weights @ np.array(corners)
-                break
+                best, answer = (below, upright), weights @ np.array(corners)
     return answer
