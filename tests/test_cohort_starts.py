@@ -42,7 +42,7 @@ def test_a_stage_that_never_ends_is_given_up(worker, tmp_path):
             worker()
     outcome = worker()
     assert outcome.failed
-    assert outcome.reason.startswith("begun 2 times without finishing another stage")
+    assert outcome.reason.startswith("started 2 times without finishing another stage")
     assert (tmp_path / "patients/000000/failure.json").exists()
     assert not (tmp_path / "patients/000000" / STARTS).exists()
 
@@ -68,5 +68,5 @@ def test_another_start_of_the_cohort_counts_anew(worker):
 def test_a_note_that_is_harmed_counts_anew(tmp_path, text):
     (tmp_path / STARTS).write_text(text, encoding="latin-1")
     note_start(tmp_path, "s", 1)
-    with pytest.raises(InputError, match=r"begun 1 times without"):
+    with pytest.raises(InputError, match=r"started 1 times without"):
         note_start(tmp_path, "s", 1)

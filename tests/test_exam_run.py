@@ -154,7 +154,7 @@ def test_realisations_and_the_full_picture_are_written(exam):
 
 
 def test_a_pixel_is_located_in_the_breast_that_is_named(exam):
-    with pytest.raises(InputError, match="found 'CC', which both breasts have; say LCC or RCC"):
+    with pytest.raises(InputError, match="found 'CC', which both breasts have; use LCC or RCC"):
         locate_in_run(exam / "out", ["CC"], [(150.0, 30.0)], height_mm=20.0)
     with pytest.raises(InputError, match="show two breasts"):
         locate_in_run(exam / "out", ["LCC", "RMLO"], [(150.0, 30.0), (150.0, 190.0)])

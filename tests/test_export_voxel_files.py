@@ -197,7 +197,7 @@ def test_convert_on_the_command_line(tmp_path):
     [(("--voxel-mm", "a"), "--voxel-mm: found 'a', expected one number or three"),
      (("--voxel-mm", "1,2"), "--voxel-mm: found '1,2'"),
      (("--voxel-mm", "0"), "voxel size is [0.0, 0.0, 0.0] mm, expected three positive"),
-     (("--axes", "XYZ"), "phantom.axes: found 'XYZ', expected three letters as ALS"),
+     (("--axes", "XYZ"), "phantom.axes: found 'XYZ', expected three letters such as ALS"),
      (("--reduce", "9"), "phantom.reduce: found 9, expected 1 to 7"),
      (("--labels", "nowhere"), "phantom.labels: found 'nowhere'")],
 )  # fmt: skip

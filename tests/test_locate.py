@@ -184,7 +184,7 @@ BAD = [
     (["--view", "CC", "--pixel", "a", 100], r"--pixel: found 'a 100', expected row and column"),
     (["--view", "CC", "--pixel", 2, 100], r"lies outside the breast; no tissue is on its ray"),
     (["--view", "CC", "--pixel", -3, 10], r"the row is not on the image, which has 300"),
-    (["--view", "CC", "--pixel", 150, 900], r"the column is not on the picture"),
+    (["--view", "CC", "--pixel", 150, 900], r"the column is not on the image"),
     (["--view", "CC", "--pixel", 150, 10, "--height-mm", 80], r"found 80, which is in air; on th"),
     (["--view", "ML", "--pixel", 150, 10], r"view: found 'ML', .* has LCC, LCC_DBT, LMLO"),
     (["--view", "CC", "--view", "MLO", "--pixel", 1, 1], r"found 2 views and 1 pixels"),

@@ -21,7 +21,8 @@ from mammosim.pipeline import RunConfig, RunFolder, load_config
 
 @pytest.mark.parametrize(
     ("values", "message"),
-    [({"file": "b.npy", "axes": "XYZ"}, "phantom.axes: found 'XYZ', expected three letters as ALS"),
+    [({"file": "b.npy", "axes": "XYZ"},
+      "phantom.axes: found 'XYZ', expected three letters such as ALS"),
      ({"file": "b.npy", "voxel_mm": 0}, "voxel_mm: found 0, expected lengths of 0.001 to 10 mm"),
      ({"file": "b.npy", "voxel_mm": [1, 2]}, "phantom.voxel_mm"),
      ({"file": "b.npy", "voxel_mm": [1, 2, 30]}, r"voxel_mm: found \[1, 2, 30\], expected lengths"),

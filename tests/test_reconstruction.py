@@ -119,7 +119,7 @@ def test_the_synthetic_picture_keeps_the_sum_and_shows_a_speck_of_one_slice():
 
 def test_without_the_library_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "itk", None)
-    with pytest.raises(InputError, match=r"itk-rtk cannot be imported.*mammosim\[dbt\]"):
+    with pytest.raises(InputError, match=r"itk-rtk cannot be imported.*pip install itk-rtk"):
         load_rtk()
 
 

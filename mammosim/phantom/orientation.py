@@ -54,8 +54,8 @@ def side_of_muscle(
 ) -> str | None:
     """Side from the muscle wedge: below the nipple it is thicker medially, as the chest curves.
 
-    The depth of muscle in each column along x, averaged over the height, is fitted by a line in
-    y. Medial is -y for a left breast and +y for a right one.
+    The depth of muscle in each column of tissue along x, 0 where it has none, is fitted by a line
+    in y. Medial is -y for a left breast and +y for a right one.
 
     Parameters
     ----------
@@ -70,16 +70,14 @@ def side_of_muscle(
     """
     below = int(np.clip(np.ceil(frame.index(nipple_mm)[2]), 0, labels.shape[2]))
     depth = np.zeros((labels.shape[1], below), np.int32)
+    tissue = np.zeros(depth.shape, bool)
     for layer in labels[:, :, :below]:
-        muscle = layer == TISSUES["muscle"].label
-        if not muscle.any():
-            continue
-        depth += muscle
-    y_index, _ = np.nonzero(depth)
-    thickness = depth[depth > 0] * frame.spacing_mm[0]
-    y = y_index * frame.spacing_mm[1]
-    if y.size == 0 or np.ptp(y) == 0:
+        depth += layer == TISSUES["muscle"].label
+        tissue |= layer != 0
+    y = np.nonzero(tissue)[0] * frame.spacing_mm[1]
+    if not depth.any() or np.ptp(y) == 0:
         return None
+    thickness = depth[tissue] * frame.spacing_mm[0]
     slope = float(np.polyfit(y - y.mean(), thickness, 1)[0])
     if abs(slope) * np.ptp(y) < MIN_WEDGE_MM:
         return None
