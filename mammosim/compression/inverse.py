@@ -74,7 +74,8 @@ def invert(
     shape = (nx, ny, nz)
     original = np.full((*shape, 3), np.nan)
     rank = np.zeros(shape, np.int8)
-    depth = np.minimum(distance_transform_cdt(tissue), MAX_DEPTH).astype(np.int8)
+    depth = distance_transform_cdt(np.pad(tissue, 1))[1:-1, 1:-1, 1:-1]  # beyond the lattice is air
+    depth = np.minimum(depth, MAX_DEPTH).astype(np.int8)
     rasterise_inverse(displacement, depth, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank)
     if per_cell > 1:
         refine_inverse(displacement, float(per_cell), shift, rank, original)
