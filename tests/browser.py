@@ -46,12 +46,25 @@ def appear(driver, size: str = "desktop", scheme: str = "light") -> None:
     driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": chosen})
 
 
+SETTLED = """
+const done = arguments[arguments.length - 1];
+const moving = () => document.getAnimations().filter(
+  (one) => one.playState === "running" && one.effect.getComputedTiming().endTime !== Infinity);
+requestAnimationFrame(() => requestAnimationFrame(async () => {
+  while (moving().length) await Promise.allSettled(moving().map((one) => one.finished));
+  done();
+}));
+"""
+"""Waits for transitions to end: half-way between light and dark, contrast is that of neither."""
+
+
 def axe_findings(driver) -> list[str]:
     """What axe-core finds wrong with the page as it is shown now."""
     if find_spec("axe_playwright_python") is None:
         pytest.skip("no axe-core: pip install mammosim[browser]")
     axe = files("axe_playwright_python").joinpath("axe.min.js").read_text(encoding="utf-8")
     driver.execute_script(axe)
+    driver.execute_async_script(SETTLED)
     found = driver.execute_async_script(
         "const done = arguments[arguments.length - 1];"
         "axe.run(document).then((r) => done(r), (e) => done({failed: String(e)}))"

@@ -24,6 +24,8 @@ COARSER = {
     "resolution_mm=4.0": "resolution_mm=8.0", '"resolution_mm": 4.0': '"resolution_mm": 8.0',
     "pixel_mm=0.5": "pixel_mm=1.5", '"pixel_mm": 0.5': '"pixel_mm": 1.5',
 }  # fmt: skip
+AS_PUBLISHED = {"notebook_detectability"}
+"""A mass of 6 mm is hardly seen in voxels of 4 mm."""
 BLOCK = re.compile(r"^```(\S[^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
@@ -47,15 +49,16 @@ def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch):
 @pytest.mark.service
 @pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
 def test_the_cells_of_a_notebook_run(page, tmp_path, monkeypatch):
-    """As they are, but with larger voxels, lattice and pixels."""
+    """With larger voxels, lattice and pixels where what a notebook asserts does not depend on them."""
     monkeypatch.chdir(tmp_path)
     mpl.use("Agg")
     names: dict[str, object] = {}
     for cell in json.loads(page.read_text(encoding="utf-8"))["cells"]:
         source = "".join(cell["source"])
         if cell["cell_type"] == "code":
-            for fine, coarse in COARSER.items():
-                source = source.replace(fine, coarse)
+            if page.stem not in AS_PUBLISHED:
+                for fine, coarse in COARSER.items():
+                    source = source.replace(fine, coarse)
             exec(compile(source, page.name, "exec"), names)
     plt.close("all")
 

@@ -170,6 +170,10 @@ def test_a_run_leads_from_the_form_to_its_picture(browser):
     until(lambda: image() != before, "the compressed breast")
     assert browser.find_element("id", "shift-said").text == "compressed"
     browser.switch_to.default_content()
+    curves = ".q-expansion-item .curves"
+    assert not browser.find_elements("css selector", curves)
+    browser.find_element("xpath", "//*[@role='button'][contains(., 'Convergence')]").click()
+    until(lambda: browser.find_elements("css selector", f"{curves} svg path"), "the curves")
 
 
 def test_a_wrong_value_is_refused_at_its_field(browser, page):
@@ -260,7 +264,7 @@ def test_every_state_is_accessible(browser):
             assert axe_findings(browser) == [], (size, scheme, pane)
             assert too_wide(browser) <= 0
     appear(browser)
-    write_into(field(browser, "compression.resolution_mm"), "0.6")
+    write_into(field(browser, "compression.resolution_mm"), "0.35")
     button(browser, "Run").click()
     until(lambda: "compressing" in live(browser), "the compression")
     assert axe_findings(browser) == []

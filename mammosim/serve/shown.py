@@ -9,7 +9,7 @@ from nicegui import ui
 
 from mammosim.errors import InputError
 from mammosim.serve import results, tables
-from mammosim.serve.curves import Curves
+from mammosim.serve.curves import Curves, Rows
 from mammosim.serve.jobs import Job
 from mammosim.serve.pictures import Shown, Wall
 
@@ -70,9 +70,20 @@ def show_run(run: Path) -> None:
         ui.label(str(error)).classes("alarm")
         histories = {}
     if histories:
-        with ui.expansion("Convergence").classes("w-full"):
-            Curves().show(histories)
+        _convergence(histories)
     _files(run)
+
+
+def _convergence(histories: Rows) -> None:
+    """The curves, drawn when they are asked for: a chart that is removed while it loads fails."""
+    part = ui.expansion("Convergence").classes("w-full")
+
+    def draw() -> None:
+        if part.value and not list(part):
+            with part:
+                Curves().show(histories)
+
+    part.on_value_change(draw)
 
 
 def _slider(run: Path) -> None:
