@@ -49,7 +49,7 @@ def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch):
 @pytest.mark.service
 @pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
 def test_the_cells_of_a_notebook_run(page, tmp_path, monkeypatch):
-    """With larger voxels, lattice and pixels where what a notebook asserts does not depend on them."""
+    """With larger voxels, lattice and pixels, where what is asserted does not depend on them."""
     monkeypatch.chdir(tmp_path)
     mpl.use("Agg")
     names: dict[str, object] = {}
