@@ -21,16 +21,16 @@ both_solvers = pytest.mark.parametrize("solver", SOLVERS)
 ENL = {4.5: 7.5, 15.0: 10.0, 45.0: 20.0}
 
 
-def growth_of(modulus: np.ndarray) -> np.ndarray:
+def enl_of(modulus: np.ndarray) -> np.ndarray:
     """The thesis' Enl of nodes with its moduli; 7.5 for any other."""
-    growth = np.where(modulus > 0, 7.5, 0.0).astype(np.float32)
+    stiffening = np.where(modulus > 0, 7.5, 0.0).astype(np.float32)
     for kpa, enl in ENL.items():
-        growth[modulus == np.float32(kpa)] = enl
-    return growth
+        stiffening[modulus == np.float32(kpa)] = enl
+    return stiffening
 
 
-def stiffening(problem: SpringProblem) -> SpringProblem:
-    return replace(problem, growth=growth_of(problem.modulus))
+def with_stiffening(problem: SpringProblem) -> SpringProblem:
+    return replace(problem, stiffening=enl_of(problem.modulus))
 
 
 def hanging_column(moduli: list[float], weight: float) -> SpringProblem:
@@ -64,14 +64,14 @@ def lengthened(law, load: float) -> float:
 def test_a_hanging_column_lengthens_by_its_own_weight(solver, exponential):
     problem = hanging_column([4.5] * 10, weight=0.12)
     if exponential:
-        problem = stiffening(problem)
+        problem = with_stiffening(problem)
     state = SOLVERS[solver](problem)
     assert state.converged
     longer = np.diff(state.displacement[2][1, 1, 1:-1])
-    growth = 7.5 if exponential else 0.0
+    enl = 7.5 if exponential else 0.0
     # The spring above the k lowest nodes bears their weight.
     expected = [
-        lengthened(lambda e: 4.5 * np.exp(growth * e), 0.12 * k) for k in range(1, 10)
+        lengthened(lambda e: 4.5 * np.exp(enl * e), 0.12 * k) for k in range(1, 10)
     ]  # fmt: skip
     # Single precision of moduli and weight.
     np.testing.assert_allclose(longer, expected, atol=3e-6)
@@ -80,7 +80,7 @@ def test_a_hanging_column_lengthens_by_its_own_weight(solver, exponential):
 @both_solvers
 def test_a_series_of_two_materials_shares_its_length(solver):
     moduli = [4.5] * 5 + [15.0] * 6
-    problem = stiffening(hanging_column(moduli, weight=0.0))
+    problem = with_stiffening(hanging_column(moduli, weight=0.0))
     problem.fixed[1, 1, 1] = True
     compressed = np.zeros(problem.modulus.shape)
     compressed[1, 1, 1:-1] = np.linspace(2.5, 0.0, 11)
@@ -111,7 +111,7 @@ def test_a_uniform_block_bears_what_its_springs_add_up_to(solver):
     """
     n, modulus, squeeze = 7, 4.5, 1.2
     stretch = 1.0 - squeeze / (n - 1)
-    state = SOLVERS[solver](problem := stiffening(block_between_plates(n, modulus, squeeze)))
+    state = SOLVERS[solver](problem := with_stiffening(block_between_plates(n, modulus, squeeze)))
     assert state.converged
     total = 0.0
     for across, number in ((0, n * n), (1, 4 * n * (n - 1)), (2, 4 * (n - 1) ** 2)):
@@ -140,7 +140,7 @@ def test_weight_rests_on_the_support(solver):
     problem.fixed[:] = False
     problem.modulus[1, 4, 1], problem.fixed[1, 4, 1] = 1e-4, True
     force = np.where(problem.modulus > 1.0, np.float32(-0.01), np.float32(0.0))
-    problem = stiffening(replace(problem, force=(None, None, force), upper=100.0))
+    problem = with_stiffening(replace(problem, force=(None, None, force), upper=100.0))
     measures = spring_measures(problem, SOLVERS[solver](problem), 1.0)
     # In lattice units of kPa a force of F mN is 9 F / h^2.
     assert measures["support_force_n"] == pytest.approx(125 * 0.01 / 9.0 * 1e-3, rel=1e-4)
@@ -149,7 +149,7 @@ def test_weight_rests_on_the_support(solver):
 
 @pytest.fixture(scope="module")
 def breast() -> SpringProblem:
-    return stiffening(half_ellipsoid(gap=0.7))
+    return with_stiffening(half_ellipsoid(gap=0.7))
 
 
 @pytest.fixture(scope="module")
@@ -180,7 +180,7 @@ def test_the_error_is_about_what_is_left(breast, equilibrium):
 
 
 def test_equilibrium_does_not_depend_on_the_start(breast, equilibrium):
-    tighter = solve(stiffening(half_ellipsoid(gap=0.6)), 1e-2)
+    tighter = solve(with_stiffening(half_ellipsoid(gap=0.6)), 1e-2)
     assert distance(solve(breast, 1e-5, start=tighter), equilibrium, breast) < 1e-4
 
 
@@ -207,7 +207,7 @@ def test_a_symmetric_breast_stays_symmetric(equilibrium):
 
 
 def test_stiffening_springs_bear_more(breast, equilibrium):
-    linear = replace(breast, growth=None)
+    linear = replace(breast, stiffening=None)
     force = [
         spring_measures(problem, state, 1.0)["force_n"]
         for problem, state in ((linear, solve(linear, 1e-4)), (breast, equilibrium))

@@ -131,7 +131,7 @@ def test_a_node_from_behind_the_edge_is_stopped_by_the_rounded_end():
 def test_sweep_is_that_of_the_definition(stiffening):
     problem = replace(half_ellipsoid((5, 8, 7), gap=0.6), edge=2.5, edge_radius=1.5)
     rng = np.random.default_rng(6)
-    growth = np.where(problem.modulus > 5.0, 10.0, 7.5).astype(np.float32) if stiffening else None
+    enl = np.where(problem.modulus > 5.0, 10.0, 7.5).astype(np.float32) if stiffening else None
     force = (None, rng.normal(size=problem.modulus.shape), np.full(problem.modulus.shape, -0.3))
     orders = tuple(rng.permutation(np.arange(1, n - 1)) for n in problem.modulus.shape)
     places = np.indices(problem.modulus.shape, dtype=np.float64)
@@ -141,8 +141,8 @@ def test_sweep_is_that_of_the_definition(stiffening):
     visited = np.zeros(problem.modulus.shape, np.uint8)
     mark_nodes(problem.modulus, problem.fixed, visited)
     assert set(np.unique(visited)) == {0, 1, 2}
-    sweep(Springs(problem.modulus, growth, force, visited), x, y, z, orders, plates, 1.0, sums)
-    expected = naive.sweep(problem, places, orders, growth, force)
+    sweep(Springs(problem.modulus, enl, force, visited), x, y, z, orders, plates, 1.0, sums)
+    expected = naive.sweep(problem, places, orders, enl, force)
     np.testing.assert_allclose(sums, expected, rtol=1e-12)
     np.testing.assert_allclose([x, y, z], places, atol=1e-12)
 

@@ -20,17 +20,17 @@ from mammosim.compression.springs._series_kernels import series_columns
 ENL = {4.5: 7.5, 15.0: 10.0, 45.0: 20.0}
 
 
-def growth_of(modulus: np.ndarray) -> np.ndarray:
+def enl_of(modulus: np.ndarray) -> np.ndarray:
     """The thesis' Enl of nodes with its moduli."""
-    growth = np.zeros_like(modulus)
+    stiffening = np.zeros_like(modulus)
     for kpa, enl in ENL.items():
-        growth[modulus == np.float32(kpa)] = enl
-    return growth
+        stiffening[modulus == np.float32(kpa)] = enl
+    return stiffening
 
 
 def test_stiffness_and_slope_are_those_of_the_definition():
     modulus = random_lattice(3, (4, 5, 4))
-    growth = growth_of(modulus)
+    enl = enl_of(modulus)
     rng = np.random.default_rng(3)
     displacement = rng.normal(0.0, 0.25, (3, *modulus.shape))
     places = np.indices(modulus.shape) + displacement
@@ -38,10 +38,10 @@ def test_stiffness_and_slope_are_those_of_the_definition():
     lattice.cell_stretch(modulus, displacement[2], stretch)
     for axis in range(3):
         stiffness, slope = (np.zeros((13, *modulus.shape), np.float32) for _ in range(2))
-        strain_springs(modulus, growth, *displacement, stretch, axis, stiffness, slope)
+        strain_springs(modulus, enl, *displacement, stretch, axis, stiffness, slope)
         for n in map(tuple, np.argwhere(modulus > 0)):
             for number, offset in enumerate(naive.NEIGHBOURS[13:]):
-                force, steep = naive.spring_force(modulus, growth, places, n, offset)
+                force, steep = naive.spring_force(modulus, enl, places, n, offset)
                 gap = places[(slice(None), *np.add(n, offset))] - places[(slice(None), *n)]
                 pull = gap - naive.equilibrium_length(modulus, places[2], n, offset)
                 # Single precision of the stretch, times exp(20 e).
@@ -51,12 +51,12 @@ def test_stiffness_and_slope_are_those_of_the_definition():
 
 
 def test_a_spring_stiffens_no_further_than_is_finite():
-    modulus, growth = np.zeros((3, 3, 5), np.float32), np.zeros((3, 3, 5), np.float32)
-    modulus[1, 1, 1:3], growth[1, 1, 1:3] = 45.0, 20.0
+    modulus, enl = np.zeros((3, 3, 5), np.float32), np.zeros((3, 3, 5), np.float32)
+    modulus[1, 1, 1:3], enl[1, 1, 1:3] = 45.0, 20.0
     stiffness, stretch = np.zeros((13, 3, 3, 5), np.float32), np.zeros((3, 3, 5), np.float32)
     u = np.zeros((3, 3, 5))
     u[1, 1, 2] = 50.0
-    strain_springs(modulus, growth, 0 * u, 0 * u, u, stretch, 2, stiffness, None)
+    strain_springs(modulus, enl, 0 * u, 0 * u, u, stretch, 2, stiffness, None)
     assert stiffness[0, 1, 1, 1] == pytest.approx(45.0 * np.exp(20.0 * LARGEST_STRAIN), rel=1e-5)
 
 

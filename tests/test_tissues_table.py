@@ -42,11 +42,11 @@ def test_stiffness_of_the_sets(tissue, thesis, victre, krouskop):
 
 
 @pytest.mark.parametrize(
-    ("tissue", "growth"),
+    ("tissue", "enl"),
     [("adipose", 7.5), ("gland", 10.0), ("mass", 20.0), ("skin", 20.0), ("vein", 10.0)],
 )
-def test_stiffening_of_the_thesis_listing(tissue, growth):
-    assert stiffening(tissue) == growth
+def test_stiffening_of_the_thesis_listing(tissue, enl):
+    assert stiffening(tissue) == enl
 
 
 @pytest.mark.parametrize("tissue", [name for name in TISSUES if name != "air"])

@@ -35,7 +35,7 @@ class SpringCase:
         Nodes that are held.
     chest : int
         x index of the foremost layer of the chest wall.
-    growth : ndarray of float32, [x, y, z], or None
+    stiffening : ndarray of float32, [x, y, z], or None
         Enl of springs that stiffen, None for linear ones.
     force : tuple of three (ndarray of float32 or None), [x, y, z]
         Weight of each node along x, y, z, as `SpringProblem` takes it.
@@ -44,7 +44,7 @@ class SpringCase:
     lattice: Lattice
     fixed: NDArray[np.bool_]
     chest: int
-    growth: NDArray[np.float32] | None
+    stiffening: NDArray[np.float32] | None
     force: Forces
 
     @property
@@ -70,7 +70,7 @@ class SpringCase:
         edge = float((plates.edge_mm - frame.origin_mm[0]) / self.spacing_mm) - 1.0
         return SpringProblem(
             self.lattice.modulus, self.fixed, float(lower), float(upper), edge,
-            force=self.force, edge_radius=0.0, growth=self.growth, chest=float(self.chest),
+            force=self.force, edge_radius=0.0, stiffening=self.stiffening, chest=float(self.chest),
         )  # fmt: skip
 
 
@@ -95,11 +95,11 @@ def make_case(
     fixed[: chest + 1] = lattice.tissue[: chest + 1]
     if muscle_fixed:
         fixed |= lattice.muscle
-    growth = None
+    enl = None
     if settings.spring_law == "exponential":
-        growth = tissue_mean(breast, view, lattice, stiffening)
+        enl = tissue_mean(breast, view, lattice, stiffening)
     force = _weight(breast, view, lattice) if settings.gravity else (None, None, None)
-    return SpringCase(lattice, fixed, chest, growth, force)
+    return SpringCase(lattice, fixed, chest, enl, force)
 
 
 def _chest_layer(lattice: Lattice, reach: PosteriorLimits) -> int:

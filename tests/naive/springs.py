@@ -37,31 +37,33 @@ def equilibrium_length(modulus: np.ndarray, z: np.ndarray, n: tuple, offset: tup
     return np.array([offset[0] * mean, offset[1] * mean, offset[2]])
 
 
-def stiffened(modulus, growth, n: tuple, m: tuple, strain: float) -> tuple[float, float]:
+def stiffened(modulus, stiffening, n: tuple, m: tuple, strain: float) -> tuple[float, float]:
     """Stiffness of a strained spring, and how much steeper than that its force is per strain."""
-    grown = [(modulus[a] * np.exp(growth[a] * min(strain, 0.6)), growth[a]) for a in (n, m)]
+    grown = [(modulus[a] * np.exp(stiffening[a] * min(strain, 0.6)), stiffening[a]) for a in (n, m)]
     softer = min(grown, key=lambda pair: pair[0])
     return float(softer[0]), float(softer[1])
 
 
-def spring_force(modulus, growth, places, n: tuple, offset: tuple) -> tuple[np.ndarray, np.ndarray]:
+def spring_force(
+    modulus, stiffening, places, n: tuple, offset: tuple
+) -> tuple[np.ndarray, np.ndarray]:
     """Force of the spring from n to n + offset on n, and its slope along each axis."""
     m = tuple(np.add(n, offset))
     if modulus[m] == 0.0:
         return np.zeros(3), np.zeros(3)
     gap = places[(slice(None), *m)] - places[(slice(None), *n)]
     length = equilibrium_length(modulus, places[2], n, offset)
-    if growth is None:
+    if stiffening is None:
         w = stiffness(modulus, n, m)
         return w * (gap - length), np.full(3, w)
     reach, at_rest = np.linalg.norm(gap), np.linalg.norm(length)
-    w, rise = stiffened(modulus, growth, n, m, abs(reach / at_rest - 1.0))
+    w, rise = stiffened(modulus, stiffening, n, m, abs(reach / at_rest - 1.0))
     return w * (gap - length), w + w * rise * np.abs(gap * (gap - length)) / (reach * at_rest)
 
 
-def net_force(modulus: np.ndarray, places: np.ndarray, n: tuple, growth=None) -> np.ndarray:
+def net_force(modulus: np.ndarray, places: np.ndarray, n: tuple, stiffening=None) -> np.ndarray:
     """Net force on node n; `places` is [component, x, y, z]."""
-    return sum(spring_force(modulus, growth, places, n, offset)[0] for offset in NEIGHBOURS)
+    return sum(spring_force(modulus, stiffening, places, n, offset)[0] for offset in NEIGHBOURS)
 
 
 def foremost(problem, z: float) -> float:
@@ -73,13 +75,13 @@ def foremost(problem, z: float) -> float:
     return problem.edge + r - np.sqrt(r**2 - max(r - beyond, 0.0) ** 2)
 
 
-def sweep(problem, places, orders, growth=None, force=(None,) * 3) -> np.ndarray:
+def sweep(problem, places, orders, stiffening=None, force=(None,) * 3) -> np.ndarray:
     """The thesis' sweep, in place; returns the summed |dx|, |dy|, |dz| and their number."""
     modulus, sums = problem.modulus, np.zeros(4)
     for n in product(*orders):
         if modulus[n] == 0 or problem.fixed[n]:
             continue
-        pulls = [spring_force(modulus, growth, places, n, offset) for offset in NEIGHBOURS]
+        pulls = [spring_force(modulus, stiffening, places, n, offset) for offset in NEIGHBOURS]
         total = sum(pull for pull, _ in pulls)
         outer = np.array([0.0 if field is None else field[n] for field in force])
         move = (total + outer) / (modulus[n] + sum(slope for _, slope in pulls))

@@ -21,21 +21,24 @@ def spring_strain(rx, ry, rz, dx, dy, dz):
 
 
 @inlined_kernel
-def stiffened(own, own_growth, other, other_growth, strain):
-    """Stiffness of a spring, the smaller of its two nodes' E(e), and the growth of that node.
+def stiffened(own, own_stiffening, other, other_stiffening, strain):
+    """Stiffness of a spring, the smaller of its two nodes' E(e), and the stiffening of that node.
 
-    Beyond the largest strain the force's slope has no such growth. It is told all the same: a step
-    by the smaller slope there would lead back over the kink, and again.
+    Beyond the largest strain the force no longer stiffens. The coefficient is still returned:
+    a step by the smaller slope there would lead back over the kink, and again.
     """
     e = min(strain, LARGEST_STRAIN)
-    if own <= other and own_growth <= other_growth:
-        stiffness, growth = own * np.exp(own_growth * e), own_growth
-    elif own >= other and own_growth >= other_growth:
-        stiffness, growth = other * np.exp(other_growth * e), other_growth
+    if own <= other and own_stiffening <= other_stiffening:
+        stiffness, stiffening = own * np.exp(own_stiffening * e), own_stiffening
+    elif own >= other and own_stiffening >= other_stiffening:
+        stiffness, stiffening = other * np.exp(other_stiffening * e), other_stiffening
     else:
-        here, there = own * np.exp(own_growth * e), other * np.exp(other_growth * e)
-        stiffness, growth = min(here, there), own_growth if here <= there else other_growth
-    return stiffness, growth
+        here, there = own * np.exp(own_stiffening * e), other * np.exp(other_stiffening * e)
+        stiffness, stiffening = (
+            min(here, there),
+            own_stiffening if here <= there else other_stiffening,
+        )
+    return stiffness, stiffening
 
 
 @inlined_kernel
@@ -56,7 +59,7 @@ def mean_stretch(stretch, i, j, k, a, b, c):
 
 
 @contracting_parallel_kernel
-def strain_springs(thread, modulus, growth, ux, uy, uz, stretch, axis, stiffness, slope):
+def strain_springs(thread, modulus, stiffening, ux, uy, uz, stretch, axis, stiffness, slope):
     """Stiffness of each spring at its strain, and the slope of its force along an axis.
 
     `stiffness` and `slope` are [13, x, y, z], from a node to those ahead of it, 0 where either is
@@ -84,7 +87,7 @@ def strain_springs(thread, modulus, growth, ux, uy, uz, stretch, axis, stiffness
                     ry = b + uy[m, n, o] - uy[i, j, k]
                     rz = c + uz[m, n, o] - uz[i, j, k]
                     e, reach, at_rest = spring_strain(rx, ry, rz, dx, dy, dz)
-                    w, rise = stiffened(own, growth[i, j, k], other, growth[m, n, o], e)
+                    w, rise = stiffened(own, stiffening[i, j, k], other, stiffening[m, n, o], e)
                     stiffness[number, i, j, k] = w
                     if slope is not None:
                         pull = rx * (rx - dx) if axis == 0 else ry * (ry - dy)

@@ -17,7 +17,7 @@ class Springs(NamedTuple):
     """What a sweep needs to know of the lattice; arrays are [x, y, z], see `SpringProblem`."""
 
     modulus: Any
-    growth: Any
+    stiffening: Any
     """Enl of each node; None where springs are linear.
 
     A spring then has the smaller stiffness of its two nodes at its strain."""
@@ -37,7 +37,7 @@ def sweep(springs, x, y, z, orders, plates, chest, sums):
     touching neither) and their number. The step is F / W where W sums the stiffness of all 27
     terms, the node's own included; of springs that stiffen, the slope of their force.
     """
-    modulus, growth, visited = springs.modulus, springs.growth, springs.visited
+    modulus, stiffening, visited = springs.modulus, springs.stiffening, springs.visited
     force_x, force_y, force_z = springs.force
     lower, upper = plates.lower, plates.upper
     stretch = np.empty((2, 2, 2))
@@ -54,7 +54,9 @@ def sweep(springs, x, y, z, orders, plates, chest, sums):
                 else:
                     _cells_around(modulus, z, i, j, k, stretch)
                     _lengths_at_surface(stretch, length)
-                fx, fy, fz, wx, wy, wz = _springs_force(modulus, growth, x, y, z, i, j, k, length)
+                fx, fy, fz, wx, wy, wz = _springs_force(
+                    modulus, stiffening, x, y, z, i, j, k, length
+                )
                 dx = (fx + _outer(force_x, i, j, k)) / wx
                 dy = (fy + _outer(force_y, i, j, k)) / wy
                 dz = (fz + _outer(force_z, i, j, k)) / wz
@@ -131,11 +133,11 @@ def _lengths_inside(z, i, j, k, length):
 
 
 @inlined_kernel
-def _springs_force(modulus, growth, x, y, z, i, j, k, length):
+def _springs_force(modulus, stiffening, x, y, z, i, j, k, length):
     """Net force of the 26 springs of a node, and the sum of its 27 stiffnesses, along each axis."""
-    if growth is None:
+    if stiffening is None:
         return _linear_force(modulus, x, y, z, i, j, k, length)
-    return _exponential_force(modulus, growth, x, y, z, i, j, k, length)
+    return _exponential_force(modulus, stiffening, x, y, z, i, j, k, length)
 
 
 @inlined_kernel
@@ -165,13 +167,13 @@ def _linear_force(modulus, x, y, z, i, j, k, length):
 
 
 @contracting_kernel
-def _exponential_force(modulus, growth, x, y, z, i, j, k, length):
+def _exponential_force(modulus, stiffening, x, y, z, i, j, k, length):
     """The same for springs that stiffen; what is summed is the slope of the force along each axis.
 
     From F = w(e) (r - D) with e = |L / L0 - 1|: dF/dr = w + w Enl |r (r - D)| / (L L0) along an
     axis. A step of F over the stiffness alone would be too long there, and the iteration unstable.
     """
-    own, own_growth = modulus[i, j, k], growth[i, j, k]
+    own, own_stiffening = modulus[i, j, k], stiffening[i, j, k]
     fx = fy = fz = 0.0
     wx = wy = wz = float(own)
     here_x, here_y, here_z = x[i, j, k], y[i, j, k], z[i, j, k]
@@ -184,7 +186,7 @@ def _exponential_force(modulus, growth, x, y, z, i, j, k, length):
                 rx, ry, rz = x[m, n, o] - here_x, y[m, n, o] - here_y, z[m, n, o] - here_z
                 dx, dy, dz = (a - 1) * length[a, b, c], (b - 1) * length[a, b, c], c - 1.0
                 e, reach, at_rest = spring_strain(rx, ry, rz, dx, dy, dz)
-                w, rise = stiffened(own, own_growth, modulus[m, n, o], growth[m, n, o], e)
+                w, rise = stiffened(own, own_stiffening, modulus[m, n, o], stiffening[m, n, o], e)
                 rise *= w / (max(reach, SHORTEST) * at_rest)
                 fx += w * (rx - dx)
                 fy += w * (ry - dy)

@@ -66,7 +66,7 @@ def solve_exponential(
     Parameters
     ----------
     problem : SpringProblem
-        With its `growth`.
+        With its `stiffening`.
     tolerance : float
         Largest estimated distance of a node from equilibrium, lattice units.
     start : SpringState, optional
@@ -86,7 +86,7 @@ def solve_exponential(
     """
     rows: list[np.void] = []
     if start is None:
-        linear = replace(problem, growth=None)
+        linear = replace(problem, stiffening=None)
         start = solve_linear(linear, max(tolerance, START_TOLERANCE), None, watch)
         rows.extend(start.history)
         if start.interrupted:
@@ -102,9 +102,9 @@ def strained(problem: SpringProblem, displacement: Displacement) -> SpringProble
     stiffness = np.zeros((13, *problem.modulus.shape), np.float32)
     lattice.cell_stretch(problem.modulus, displacement[2], stretch)
     strain_springs(
-        problem.modulus, problem.growth, *displacement, stretch, 0, stiffness, None
+        problem.modulus, problem.stiffening, *displacement, stretch, 0, stiffness, None
     )  # fmt: skip
-    return replace(problem, stiffness=stiffness, growth=None)
+    return replace(problem, stiffness=stiffness, stiffening=None)
 
 
 @dataclass(eq=False)
@@ -175,7 +175,7 @@ class _Run:
         problem = self.problem
         lattice.cell_stretch(problem.modulus, self.displacement[2], self.stretch)
         strain_springs(
-            problem.modulus, problem.growth, *self.displacement, self.stretch,
+            problem.modulus, problem.stiffening, *self.displacement, self.stretch,
             "xyz".index(name), self.stiffness, self.slope,
         )  # fmt: skip
         return lattice_level(self.slope, self.span, self.free)

@@ -109,7 +109,7 @@ def _contact(
     """Which plate holds each node, and the other forces on it along z, kPa x lattice units."""
     uz = state.displacement[2]
     force = np.zeros(uz.shape, np.float32)
-    if problem.growth is not None:
+    if problem.stiffening is not None:
         problem = strained(problem, state.displacement)
     level_of(problem).residual(uz, problem.force[2], force)
     z = np.arange(uz.shape[2]) + uz

@@ -46,9 +46,9 @@ class SpringProblem:
         (dz+1)``; 0 where either is air. `modulus` then only says what is tissue.
     edge_radius : float
         Radius of the rounding between the plates' faces and their ends, lattice units.
-    growth : ndarray of float32, [x, y, z], optional
+    stiffening : ndarray of float32, [x, y, z], optional
         Enl of springs that stiffen as they are strained: a spring strained by e has the smaller
-        ``modulus exp(growth e)`` of its two nodes. None: linear springs.
+        ``modulus exp(stiffening e)`` of its two nodes. None: linear springs.
     chest : float
         x of the chest wall, which no node crosses.
     """
@@ -61,7 +61,7 @@ class SpringProblem:
     force: Forces = (None, None, None)
     stiffness: NDArray[np.float32] | None = None
     edge_radius: float = EDGE_RADIUS
-    growth: NDArray[np.float32] | None = None
+    stiffening: NDArray[np.float32] | None = None
     chest: float = CHEST_WALL_INDEX
 
     @property

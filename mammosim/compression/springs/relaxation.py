@@ -80,7 +80,7 @@ def relax(
         plates = plates._replace(edge=-np.inf)
     visited = np.zeros(problem.modulus.shape, np.uint8)
     mark_nodes(problem.modulus, problem.fixed, visited)
-    springs = Springs(problem.modulus, problem.growth, problem.force, visited)
+    springs = Springs(problem.modulus, problem.stiffening, problem.force, visited)
     rng, sums = np.random.default_rng(seed), np.zeros(4)
     rows: list[np.void] = []
     look: tuple[float, float, float] = (np.nan, 0, np.nan)

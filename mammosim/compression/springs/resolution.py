@@ -38,12 +38,12 @@ def coarsened(problem: SpringProblem) -> SpringProblem:
         target[tuple(slice(1, 1 + n) for n in part.shape)] = part
     tissue &= held_together(tissue, fixed)
     modulus = np.divide(total, weight, out=np.zeros(shape, np.float32), where=tissue)
-    growth = None
-    if problem.growth is not None:
-        growth = np.zeros(shape, np.float32)
-        restrict(problem.growth, growth)
-        np.divide(growth, weight, out=growth, where=tissue)
-        growth[~tissue] = 0.0
+    stiffening = None
+    if problem.stiffening is not None:
+        stiffening = np.zeros(shape, np.float32)
+        restrict(problem.stiffening, stiffening)
+        np.divide(stiffening, weight, out=stiffening, where=tissue)
+        stiffening[~tissue] = 0.0
     force_x, force_y, force_z = problem.force
     return SpringProblem(
         modulus,
@@ -53,7 +53,7 @@ def coarsened(problem: SpringProblem) -> SpringProblem:
         (problem.edge + 1.0) / 2.0,
         (_gathered(force_x, tissue), _gathered(force_y, tissue), _gathered(force_z, tissue)),
         edge_radius=problem.edge_radius / 2.0,
-        growth=growth,
+        stiffening=stiffening,
         chest=(problem.chest + 1.0) / 2.0,
     )
 

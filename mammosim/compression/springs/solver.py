@@ -34,6 +34,6 @@ def solve(
     -------
     SpringState
     """
-    if problem.growth is None:
+    if problem.stiffening is None:
         return equilibrium.solve(problem, tolerance, start, watch)
     return solve_exponential(problem, tolerance, start, watch)
