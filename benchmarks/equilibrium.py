@@ -231,7 +231,7 @@ def _from_neighbour(
         between.plates, support_z_mm=between.plates.support_z_mm - 1.5,
         paddle_z_mm=between.plates.paddle_z_mm + 1.5,
     )  # fmt: skip
-    state = stages.settle(between.plates, stages.compress(wide).u)
+    state = stages.settle(between.plates, stages.compress(wide))
     nodes, edge = between.mesh.body.nodes, float(between.mesh.nodes.spacing_mm[0])
     moved = edge * np.moveaxis(state.u, 0, -1)[nodes] @ view.rotation
     places = (between.mesh.nodes.origin_mm + edge * np.argwhere(nodes)) @ view.rotation

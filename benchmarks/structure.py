@@ -1,4 +1,4 @@
-"""Effect of each part of the model: skin, fascia, fibres, weight, tilt.
+"""Effect of each part of the model: skin, fascia, fibres, weight, tilt, friction.
 
     python benchmarks/structure.py [--elements 5] [--breasts 1 2 3]
 
@@ -29,6 +29,8 @@ CHANGES: dict[str, dict[str, Any]] = {
     "fibres, ratio 3": {"fibres": {"ratio": 3.0}},
     "weight, standing": {"gravity": True},
     "tilted by 3 degrees": {"paddle": {"tilt": {"angle_deg": 3.0}}},
+    "friction 0.2": {"friction": 0.2},
+    "friction 0.5": {"friction": 0.5},
 }
 
 

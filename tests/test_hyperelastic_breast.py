@@ -174,6 +174,23 @@ def test_a_hanging_column_stretches_by_its_weight():
     assert found == pytest.approx(expected, abs=bow)
 
 
+def test_friction_holds_the_surface(usual):
+    held = mammosim.compress(skinned(), "CC", friction=0.5, **KEYS)
+    points = tissue(usual.phantom)
+    after = points + usual.displacement_at(points)
+    pressed = points[after[:, 2] > usual.paddle_z_mm - 3.0]
+
+    def spread(found):
+        """Strain across of the tissue beneath the paddle."""
+        return np.polyfit(pressed[:, 1], found.displacement_at(pressed)[:, 1], 1)[0]
+
+    # What the plates hold spreads less beneath them, and resists more.
+    assert 0.0 < spread(held) < 0.95 * spread(usual)
+    assert held.force_n > 1.02 * usual.force_n
+    forces = held.force_n, held.measures["support_force_n"]
+    assert max(forces) - min(forces) <= BALANCED * max(forces)
+
+
 @pytest.mark.parametrize(
     ("keys", "says"),
     [
@@ -183,6 +200,8 @@ def test_a_hanging_column_stretches_by_its_weight():
         ({"fibres": {"ratio": 0.5}}, "ratio"),
         ({"fibres": {"ratio": 100.0}}, "ratio"),
         ({"fascia_kpa_per_mm": 0.0}, "fascia_kpa_per_mm"),
+        ({"friction": -0.1}, "friction"),
+        ({"friction": 5.0}, "friction"),
         ({"tolerance_mm": 0.0}, "tolerance_mm"),
         (
             {"skin": {"young_kpa": 50.0}, "stiffness_kpa": {"skin": 60.0}},
@@ -200,6 +219,7 @@ def test_a_hanging_column_stretches_by_its_weight():
             {"model": "none", "gravity": True},
             "gravity: valid for the models springs and hyperelastic only",
         ),
+        ({"model": "springs", "friction": 0.5}, "friction: valid for the model hyperelastic only"),
         ({"model": "springs", "chest_wall": "fascia"}, "chest_wall: fascia needs model: hyper"),
     ],
 )

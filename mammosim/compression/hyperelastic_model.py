@@ -59,6 +59,9 @@ SECONDS_PER_COMPRESSION, SECONDS_PER_NODE = 2.0, 2e-4
 """Of the lattice's box, with the search of the plates' height; threads hardly share them. Measured
 with the set `aspiration`: 1.3e-4 to 2.5e-4 s per node for elements of 3 and 6 mm, MLO above CC."""
 
+FRICTION_REPEATS = 3.0
+"""Factor of that time with friction, whose pressure is found by repetition; 1 to 4 were seen."""
+
 
 FORCE_TOLERANCE_IS_GONE = (
     "compression.force_tolerance is deprecated and has no effect; use compression.tolerance_mm"
@@ -120,13 +123,13 @@ def compress_hyperelastic(
     Notes
     -----
     W = mu/2 (J^(-2/3) I1 - 3) + kappa/2 (J - 1)^2, the volume being kept on the mean of an element;
-    skin is a membrane in tension, fascia an elastic layer behind the breast (`hyperelastic`). No
-    friction or bending of the plates; time plays no part.
+    skin is a membrane in tension, fascia an elastic layer behind the breast (`hyperelastic`). The
+    plates do not bend; time plays no part.
     """
     mesh, plates, notes = body_between_plates(breast, view, settings, lattice_shift)
     edge_mm = float(mesh.nodes.spacing_mm[0])
     depth_mm = plates.panel.front_mm if plates.panel else 0.0
-    stages = Stages(mesh, plates.edge_mm, settings.tolerance_mm, watch, depth_mm)
+    stages = Stages(mesh, plates.edge_mm, settings.tolerance_mm, watch, depth_mm, settings.friction)
     coarse = _CoarseBody(stages)
     balance = BalancedHeight(
         coarse.forces, *heights_beyond_edge_mm(mesh.elements, plates.edge_mm),
@@ -139,7 +142,7 @@ def compress_hyperelastic(
         if _is_near(start, plates):
             if start.plates.panel is not None:
                 plates = tilted(plates, start.plates.panel.tilt_deg)
-            state = stages.settle(plates, start.state.u)
+            state = stages.settle(plates, start.state)
         else:
             state = stages.compress(plates, start=coarse.start(plates))
         stopped = False
@@ -178,7 +181,7 @@ class _CoarseBody:
         """Forces of plates at a place; None where the solver did not converge there."""
         state = None
         if _is_near(self._before, plates, WIDEST_COARSE_STEP):
-            state = self._stages.settle(plates, self._before.state.u, self._level)
+            state = self._stages.settle(plates, self._before.state, self._level)
         if state is None or not (state.converged or state.interrupted):
             state = self._stages.compress(plates, self._level)
         if state.interrupted:
@@ -357,7 +360,8 @@ def _where_it_stopped(compressed: CompressedBreast, settings: CompressionSetting
 
 
 def _seconds(settings: CompressionSettings, nodes: float) -> float:
-    return SECONDS_PER_COMPRESSION + nodes * SECONDS_PER_NODE
+    seconds = SECONDS_PER_COMPRESSION + nodes * SECONDS_PER_NODE
+    return seconds * (FRICTION_REPEATS if settings.friction else 1.0)
 
 
 def _quantities(compressed: CompressedBreast, settings: CompressionSettings) -> dict[str, float]:
@@ -377,6 +381,7 @@ HYPERELASTIC = MechanicalModel(
         "skin",
         "fibres",
         "fascia_kpa_per_mm",
+        "friction",
         "tolerance_mm",
         "force_tolerance",
         "paddle",

@@ -201,6 +201,11 @@ class CompressionSettings(Settings):
     """Breast-frame x of the plates' edge, mm; default: 5 mm in front of the chest wall and, if
     muscle is `fixed`, of the muscle."""
 
+    friction: float = Field(default=0.0, ge=0, le=2)
+    """Coefficient of friction between skin and plates (model `hyperelastic`). Default: 0, skin
+    glides freely. Dry skin has more than 0.2, typically 0.5, against various materials (Derler &
+    Gerhardt 2012); no value for skin on a paddle was found."""
+
     paddle: PaddleSettings | None = None
     """A paddle that covers only part of the breast, or tilts; default: level, and covering
     everything in front of the plates' edge."""

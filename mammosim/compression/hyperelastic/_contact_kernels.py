@@ -153,19 +153,16 @@ def place_points(u, cells, local, out):
 
 
 @contracting_kernel
-def contact_pressure(places, plate, stiffness, out_pressure, out_push):
-    """Pressure ``max(0, stiffness depth)`` of a plate on each point, and its push.
-
-    `out_pressure` is [n]; `out_push` [n, 3] the direction of the push, the plate's outward normal.
-    """
+def plate_depth(places, plate, out_depth, out_normal):
+    """Depth of each place in a plate, [n], negative outside, and its outward normal, [n, 3]."""
     for n in range(places.shape[0]):
-        depth, push_x, push_y, push_z = depth_in_plate(
+        depth, normal_x, normal_y, normal_z = depth_in_plate(
             plate, places[n, 0], places[n, 1], places[n, 2]
         )
-        out_pressure[n] = max(0.0, stiffness * depth)
-        out_push[n, 0] = push_x
-        out_push[n, 1] = push_y
-        out_push[n, 2] = push_z
+        out_depth[n] = depth
+        out_normal[n, 0] = normal_x
+        out_normal[n, 1] = normal_y
+        out_normal[n, 2] = normal_z
 
 
 @contracting_kernel

@@ -69,8 +69,14 @@ def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float
 
 
 def plate_forces(contact: Contact, state: State, edge_mm: float) -> PlateForces:
-    """Forces on paddle and support of a state of a body whose elements have that edge."""
+    """Forces on paddle and support of a state of a body whose elements have that edge.
+
+    With friction, they contain that of the surface along the plates' rounded edge.
+    """
     paddle, support = contact.plate_force(*contact.pressure(state.u))
+    if state.grip is not None:
+        along = state.grip.stress[:, :, 2] @ contact.points.area
+        paddle, support = paddle + float(along[0]), support - float(along[1])
     newton = edge_mm**2 * 1e-3
     return PlateForces(paddle * newton, support * newton)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import Contact
+from mammosim.compression.hyperelastic.friction import Grip
 
 MIN_STRAIN = 1e-3
 """Forces are compared with those of the plates, or with what a strain of this makes where the
@@ -86,6 +87,8 @@ class State:
     converged : bool
     interrupted : bool
         Whether the user stopped it.
+    grip : Grip, optional
+        How the plates hold the surface by friction; None: it glides freely.
     """
 
     u: NDArray[np.float64]
@@ -93,6 +96,7 @@ class State:
     last: Step
     converged: bool
     interrupted: bool = False
+    grip: Grip | None = None
 
 
 def evaluate(body: Body, contact: Contact, u: NDArray[np.float64]) -> Value:
@@ -100,8 +104,9 @@ def evaluate(body: Body, contact: Contact, u: NDArray[np.float64]) -> Value:
     energy, smallest, force = body.energy_and_forces(u)
     pressure, push = contact.pressure(u)
     contact.add_forces(pressure, push, force)
+    energy += contact.energy(pressure) + contact.add_friction(u, force)
     force *= body.free
-    return Value(energy + contact.energy(pressure), smallest, force, pressure, push)
+    return Value(energy, smallest, force, pressure, push)
 
 
 def step_of(
@@ -119,6 +124,6 @@ def step_of(
     force = max(contact.plate_force(value.pressure, value.push))
     unbalanced = np.linalg.norm(value.force) / max(float(np.linalg.norm(applied)), least)
     return Step(
-        float(unbalanced), contact.depth(value.pressure), force, value.energy, value.smallest,
+        float(unbalanced), contact.mean_depth(value.pressure), force, value.energy, value.smallest,
         cycles, length, *error,
     )  # fmt: skip

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from mammosim.compression.continuation import continued
 from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import PENALTY, Contact
+from mammosim.compression.hyperelastic.friction import STICK_MM, Friction, Grip
 from mammosim.compression.hyperelastic.mesh import ALIGNED, Mesh
 from mammosim.compression.hyperelastic.newton import State, Step, evaluate, step_of
+from mammosim.compression.hyperelastic.sliding import anchors, held_by_friction
 from mammosim.compression.hyperelastic.surface import SurfacePoints
 from mammosim.compression.hyperelastic.trust_region import minimise
 from mammosim.compression.multigrid import Workspace, add_interpolated
@@ -67,6 +71,21 @@ HISTORY = np.dtype(
 """Columns of the history, one row a Newton step."""
 
 
+class Held(NamedTuple):
+    """Where a body was, and how its plates held it by friction, before they moved.
+
+    Parameters
+    ----------
+    u : ndarray, [3, x, y, z]
+        Displacement, lattice units.
+    grip : Grip, optional
+        None: there is no friction.
+    """
+
+    u: NDArray[np.float64]
+    grip: Grip | None
+
+
 class Stages:
     """The nested bodies of one mesh, and the history of what is solved on them.
 
@@ -81,6 +100,8 @@ class Stages:
         Called with each row of the history.
     depth_mm : float
         How far the paddle reaches along x in front of that edge, mm, where it ends over the breast.
+    friction : float
+        Coefficient of friction between the surface and the plates.
     """
 
     def __init__(
@@ -90,8 +111,10 @@ class Stages:
         tolerance_mm: float,
         watch: Callable[[np.void], None] | None = None,
         depth_mm: float = 0.0,
+        friction: float = 0.0,
     ) -> None:
         self.mesh = mesh
+        self.friction = friction
         self.tolerance = tolerance_mm / float(mesh.nodes.spacing_mm[0])
         self.bodies = [mesh.body]
         while 2 ** len(self.bodies) <= ALIGNED:
@@ -141,34 +164,36 @@ class Stages:
         state = start or self._close(len(self.bodies) - 1, plates)
         for level in range(first, finest - 1, -1):
             u = interpolated(state.u, self.bodies[level + 1], self.bodies[level])
-            state = replace(state, u=u) if state.interrupted else self.settle(plates, u, level)
+            moved = replace(state, u=u, grip=self._refined(state.grip, level))
+            state = moved if state.interrupted else self.settle(plates, moved, level)
         return state
 
-    def settle(self, plates: Plates, u: NDArray[np.float64], level: int = 0) -> State:
-        """State of one of the bodies between plates, from a displacement near it.
+    def settle(self, plates: Plates, start: State, level: int = 0) -> State:
+        """State of one of the bodies between plates, from one near it.
 
-        Elements that the displacement folds are unfolded first.
+        Elements that are folded at the start are unfolded first.
         """
-        body = self.bodies[level]
+        body, u = self.bodies[level], start.u
         if body.energy_and_forces(u)[1] < FOLDED:
             local, least = UNFOLDING
             softened = replace(body, local_part=local, least_volume=least)
-            state = self._minimise(softened, level, plates, u, CLOSING_TOLERANCE, UNFOLDED)
+            contact, gap_mm = self.contact(level, plates), plates.thickness_mm
+            state = self._minimise(softened, level, contact, gap_mm, u, CLOSING_TOLERANCE, UNFOLDED)
             if state.interrupted:
                 return state
             u = state.u
-        return self._finish(level, plates, u)
+        return self._finish(level, plates, u, Held(start.u, start.grip))
 
-    def _finish(self, level: int, plates: Plates, u: NDArray[np.float64]) -> State:
+    def _finish(self, level: int, plates: Plates, u: NDArray[np.float64], before: Held) -> State:
         """State of one of the bodies, to its level's tolerance, from a displacement near it."""
         body = self.bodies[level]
         if level > 0:
-            return self._minimise(body, level, plates, u, LOOSE)
-        state = self._minimise(body, level, plates, u, self.tolerance)
+            return self._equilibrium(body, level, plates, u, LOOSE, before)
+        state = self._equilibrium(body, level, plates, u, self.tolerance, before)
         if not state.converged or state.value.smallest >= body.least_volume:
             return state
         steep = replace(body, least_volume=STEEP)
-        return self._minimise(steep, level, plates, state.u, self.tolerance)
+        return self._equilibrium(steep, level, plates, state.u, self.tolerance, before)
 
     def at_rest(self, plates: Plates) -> State:
         """The mesh before anything moves, between plates."""
@@ -191,6 +216,9 @@ class Stages:
         """State of a body between plates that close from where they touch it, step by step."""
         u = np.zeros((3, *self.bodies[level].nodes.shape))
         before, done, gone, open_plates = u, 0.0, 0.0, self._touching(level, plates)
+        held = Held(
+            u, Grip.none(open_plates, len(self.points[level].area)) if self.friction else None
+        )
         closing = open_plates.thickness_mm - plates.thickness_mm
         increment = INCREMENT * open_plates.thickness_mm / max(closing, 1e-9)
         while True:
@@ -199,13 +227,15 @@ class Stages:
             ahead = (part - done) / (done - gone) if done > gone else 0.0
             guess = u + ahead * (u - before)
             if part == 1.0:
-                state = self._finish(level, between, guess)
+                state = self._finish(level, between, guess, held)
             else:
-                state = self._minimise(self.bodies[level], level, between, guess, CLOSING_TOLERANCE)
+                body = self.bodies[level]
+                state = self._equilibrium(body, level, between, guess, CLOSING_TOLERANCE, held)
             if state.interrupted:
                 return state
             if state.converged:
                 before, u, gone, done = u, state.u, done, part
+                held = Held(u, state.grip)
                 if done == 1.0:
                     return state
             elif increment * closing < SMALLEST_INCREMENT * open_plates.thickness_mm:
@@ -229,11 +259,54 @@ class Stages:
             paddle_z_mm=max(high, plates.paddle_z_mm),
         )
 
-    def _minimise(
+    def _refined(self, grip: Grip | None, level: int) -> Grip | None:
+        """How plates hold the surface of a body, from how they hold that of its coarsened one."""
+        if grip is None:
+            return None
+        rest = []
+        for number in (level, level + 1):
+            corner, edge = self._frame(number)
+            rest.append(corner + edge * (self.points[number].cells + self.points[number].local))
+        return grip.of_points(KDTree(rest[1]).query(rest[0])[1])
+
+    def _equilibrium(
         self,
         body: Body,
         level: int,
         plates: Plates,
+        u: NDArray[np.float64],
+        tolerance: float,
+        before: Held,
+    ) -> State:
+        """State of one of the bodies from a displacement near it, with friction if there is any."""
+
+        def minimised(u: NDArray[np.float64], contact: Contact) -> State:
+            return self._minimise(body, level, contact, plates.thickness_mm, u, tolerance)
+
+        contact = self.contact(level, plates)
+        if before.grip is None:
+            return minimised(u, contact)
+        first = self._friction(level, plates, contact, before.u, before.grip)
+        return held_by_friction(minimised, contact, self.friction, u, first, plates)
+
+    def _friction(
+        self, level: int, plates: Plates, contact: Contact, u: NDArray[np.float64], grip: Grip
+    ) -> Friction:
+        """Friction after the plates have moved from where they had that grip."""
+        corner, edge = self._frame(level)
+        reach = STICK_MM / edge
+        places = self.points[level].places(u)
+        carried = (grip.plates.carried(plates, corner + edge * places) - corner) / edge
+        earlier = self.contact(level, grip.plates)
+        anchor = anchors(earlier, contact, places, carried, reach * grip.slip)
+        return Friction(grip.limit, earlier.depth(places)[1], anchor, reach)
+
+    def _minimise(
+        self,
+        body: Body,
+        level: int,
+        contact: Contact,
+        gap_mm: float,
         u: NDArray[np.float64],
         tolerance: float,
         unfolded: float = np.inf,
@@ -243,7 +316,7 @@ class Stages:
         def watch(step: Step) -> None:
             row = np.zeros(1, HISTORY)
             row[0] = (
-                len(self.rows), edge, plates.thickness_mm, step.out_of_balance, step.depth * edge,
+                len(self.rows), edge, gap_mm, step.out_of_balance, step.depth * edge,
                 step.force * edge**2 * 1e-3, step.energy * edge**3 * 1e-3, step.smallest,
                 step.cycles, step.length, step.error * edge,
             )  # fmt: skip
@@ -252,7 +325,7 @@ class Stages:
                 self._watch(row[0])
 
         return minimise(
-            body, self.contact(level, plates), u, tolerance, self._workspace,
+            body, contact, u, tolerance, self._workspace,
             watch=watch, unfolded=unfolded,
         )  # fmt: skip
 

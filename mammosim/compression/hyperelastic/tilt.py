@@ -49,7 +49,10 @@ def moment_nm(stages: Stages, plates: Plates, state: State) -> float:
     contact, edge = stages.contact(0, plates), float(stages.mesh.nodes.spacing_mm[0])
     pressure, push = contact.pressure(state.u)
     places = stages.mesh.nodes.origin_mm + edge * contact.points.places(state.u)
-    force_n = -(pressure[0] * contact.points.area)[:, None] * push[0] * edge**2 * 1e-3
+    stress = -pressure[0][:, None] * push[0]
+    if state.grip is not None:
+        stress = stress + state.grip.stress[0]
+    force_n = contact.points.area[:, None] * stress * edge**2 * 1e-3
     return 1e-3 * float(
         force_n[:, 2] @ (hinge_mm - places[:, 0])
         + (force_n[:, 0] @ (places[:, 2] - plates.paddle_z_mm))
@@ -96,7 +99,7 @@ def level_paddle(
     for _ in range(MAX_TRIALS):
         if ends:
             plates = tilted(plates, angle)
-            state = stages.settle(plates, state.u)
+            state = stages.settle(plates, state)
         moment = moment_nm(stages, plates, state)
         excess = spring_nm_per_deg * angle - moment
         stopped = abs(angle) == max_deg and excess * angle < 0.0

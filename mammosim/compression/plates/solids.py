@@ -169,6 +169,26 @@ class Plates:
         paddle = solid(self.paddle, self.paddle_z_mm, 1.0, self.panel)
         return paddle, solid("straight", self.support_z_mm, -1.0)
 
+    def carried(self, end: Plates, places_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where places go with paddle and support while these go to `end`, [plate, n, 3], mm.
+
+        Parameters
+        ----------
+        end : Plates
+        places_mm : ndarray, (n, 3)
+            Compression frame.
+        """
+        moved = np.repeat(places_mm[None], 2, axis=0)
+        moved[0, :, 2] += end.paddle_z_mm - self.paddle_z_mm
+        moved[1, :, 2] += end.support_z_mm - self.support_z_mm
+        if self.panel is not None and end.panel is not None:
+            angle = np.deg2rad(end.panel.tilt_deg - self.panel.tilt_deg)
+            ahead = moved[0, :, 0] - (end.edge_mm + end.panel.hinge_mm)
+            above = moved[0, :, 2] - end.paddle_z_mm
+            moved[0, :, 0] += (np.cos(angle) - 1.0) * ahead + np.sin(angle) * above
+            moved[0, :, 2] += (np.cos(angle) - 1.0) * above - np.sin(angle) * ahead
+        return moved
+
     def shaped(self, paddle: str, panel: Panel | None = None) -> Plates:
         """The same places with another shape of the paddle."""
         return replace(self, paddle=paddle, panel=panel)
