@@ -231,17 +231,17 @@ def test_points_move_with_their_elements():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_pressure_and_push_are_those_of_the_signed_distance(side):
+def test_depth_and_normal_are_those_of_the_signed_distance(side):
     plate = StraightPlate(1.5, side, -0.5, 0.8)
     places = np.random.default_rng(9).uniform(-3.0, 5.0, (400, 3))
-    pressure, push = np.zeros(400), np.zeros((400, 3))
-    contact.contact_pressure(places, plate, 7.0, pressure, push)
+    depth, normal = np.zeros(400), np.zeros((400, 3))
+    contact.plate_depth(places, plate, depth, normal)
     distance = np.array([naive.straight_distance(plate, *place) for place in places])
     assert (distance < 0).any()
     assert (distance > 0).any()
-    np.testing.assert_allclose(pressure, np.maximum(0.0, -7.0 * distance), atol=1e-12)
+    np.testing.assert_allclose(depth, -distance, atol=1e-12)
     expected = [naive.normal(naive.straight_distance, plate, place) for place in places]
-    np.testing.assert_allclose(push, expected, atol=1e-6)  # central differences
+    np.testing.assert_allclose(normal, expected, atol=1e-6)  # central differences
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
