@@ -238,6 +238,11 @@ def test_runs_are_compared_side_by_side(browser, page):
     assert "ball, LCC: shift" in text
     until(lambda: has_other_window(browser, {"level=0.5&width=1"}), "one window for both")
     assert len(picture_addresses(browser)) == 2
+    browser.refresh()
+    until(lambda: len(picture_addresses(browser)) == 2, "the same two runs after a reload")
+    assert "2 runs side by side" in browser.page_source
+    boxes = browser.find_elements("css selector", ".list .q-checkbox[aria-checked=true]")
+    assert len(boxes) == 2
     for size, scheme in product(SIZES, ("light", "dark")):
         appear(browser, size, scheme)
         assert axe_findings(browser) == [], (size, scheme)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import Response
+from fastapi import Query, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from nicegui import app, ui
 
@@ -21,6 +22,13 @@ from mammosim.serve.shown import Live, show_comparison, show_run
 
 REFRESH_S = 0.7
 """Interval at which the page checks the runs."""
+
+_NAME_RUNS = (
+    "(names) => { const address = new URL(location); address.searchParams.delete('run');"
+    " names.forEach((name) => address.searchParams.append('run', name));"
+    " history.replaceState(history.state, '', address); }"
+)
+"""Names the runs that are shown in the page's address, where a reload finds them."""
 
 
 def add_page(examples: Path, runs: Path, command: Command) -> Jobs:
@@ -73,8 +81,10 @@ def add_page(examples: Path, runs: Path, command: Command) -> Jobs:
         )
 
     @ui.page("/")
-    def index() -> None:
-        _Page(jobs, fields, examples, runs)
+    def index(run: Annotated[tuple[str, ...], Query()] = ()) -> None:
+        named = [runs / name for name in run]
+        shown = tuple(folder for folder in named if _is_known(runs, folder, jobs))
+        _Page(jobs, fields, examples, runs, shown)
 
     return jobs
 
@@ -85,14 +95,26 @@ def _run_folder(runs: Path, name: str) -> Path | None:
     return folder if folder.parent == runs and folder.is_dir() and name not in ("", "..") else None
 
 
-class _Page:
-    """One open window of the page: the form, the list of runs, and what is shown of them."""
+def _is_known(runs: Path, folder: Path, jobs: Jobs) -> bool:
+    """Whether a folder is one of the runs; those that still wait have none."""
+    return jobs.of(folder) is not None or _run_folder(runs, folder.name) == folder
 
-    def __init__(self, jobs: Jobs, fields: tuple[Field, ...], examples: Path, runs: Path) -> None:
+
+class _Page:
+    """One open window of the page: the form, the list of runs, and what is shown of them.
+
+    `shown` are the runs that the address names: one to show, or several to compare.
+    """
+
+    def __init__(
+        self, jobs: Jobs, fields: tuple[Field, ...], examples: Path, runs: Path,
+        shown: tuple[Path, ...],
+    ) -> None:  # fmt: skip
         self._jobs, self._runs = jobs, runs
-        self._shown: Path | None = jobs.all[-1].folder if jobs.all else None
-        self._chosen: set[Path] = set()
-        self._compared: tuple[Path, ...] = ()
+        latest = jobs.all[-1].folder if jobs.all else None
+        self._shown: Path | None = shown[0] if shown else latest
+        self._compared: tuple[Path, ...] = shown if len(shown) > 1 else ()
+        self._chosen: set[Path] = set(self._compared)
         self._state: tuple[Any, ...] = ()
         ui.colors(primary="#1f5f99")  # enough contrast for white letters
         ui.add_head_html('<script>document.documentElement.lang = "en"</script>')
@@ -155,6 +177,7 @@ class _Page:
 
     def _select(self, folder: Path) -> None:
         self._shown, self._compared = folder, ()
+        self._name_in_address(folder)
         self._look()
 
     def _choose(self, folder: Path, chosen: bool) -> None:
@@ -165,7 +188,11 @@ class _Page:
         """In the order of the list, the earliest first."""
         listed: tuple[Path, ...] = self._state[0]
         self._compared = tuple(run for run in reversed(listed) if run in self._chosen)
+        self._name_in_address(*self._compared)
         self._look()
+
+    def _name_in_address(self, *shown: Path) -> None:
+        ui.run_javascript(f"({_NAME_RUNS})({json.dumps([run.name for run in shown])})")
 
     def _look(self) -> None:
         """Show what has changed since the last look."""
