@@ -5,12 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import SimpleITK as sitk
+from naive.monte_carlo import MATERIALS, gantry
 from naive.projection import phantom, unsqueezed
 
 from mammosim.acquisition import expose, expose_arc
+from mammosim.acquisition.attenuation import BEAM_MATERIALS, attenuation_per_mm
+from mammosim.acquisition.monte_carlo import Plates, make_scene, mixture_of
+from mammosim.acquisition.monte_carlo.scene import MAX_MIXTURES
 from mammosim.errors import InputError
 from mammosim.export import ExportSettings, StudyIdentity, write_images
-from mammosim.projection import coarse_breast, project, project_arc
+from mammosim.projection import CoarseBreast, coarse_breast, project, project_arc
 
 KEYS = {"kvp": 28.0, "mas": 80.0, "noise": False, "scatter": {"photons": 20_000}}
 
@@ -167,3 +171,35 @@ def test_scatter_over_primary_that_no_breast_has_is_noted(paths, image):
     dim = expose(replace(paths, attenuating_mm=3.0 * paths.attenuating_mm), grid=False, **KEYS)
     assert any("scatter-to-primary ratio in front of the grid: found" in n for n in dim.notes)
     assert not any("scatter-to-primary" in note for note in image.notes)
+
+
+def test_too_many_mixtures_are_rounded_to_quarters():
+    """Fifteen materials at random: volumes stay, and no voxel changes by more than the bound."""
+    rng = np.random.default_rng(7)
+    parts = rng.multinomial(8, np.full(16, 1 / 16), (50, 50, 40))  # the last is air
+    shares = np.zeros(parts.shape[:3], np.uint64)
+    for column in range(15):
+        shares |= parts[..., column].astype(np.uint64) << np.uint64(4 * column)
+    assert np.unique(shares).size > MAX_MIXTURES
+    names = tuple(MATERIALS)[:15]
+    copy = CoarseBreast(
+        np.array([0.0, -25.0, 0.0]), np.ones(3), names, shares, np.ones(shares.shape, np.float32)
+    )
+    plates = Plates(BEAM_MATERIALS["polycarbonate"], BEAM_MATERIALS["carbon fibre"], 0.0, 0.0)
+    scene = make_scene(copy, plates, gantry(), MATERIALS)
+    words = scene.space.words.reshape([len(axis) - 1 for axis in scene.space[:3]])[scene.inner]
+    found = scene.fraction[mixture_of(words)]
+    found = np.concatenate([found[..., :15], found[..., -1:]], axis=-1)  # without plates
+    assert (found * 4.0 == np.round(found * 4.0)).all()
+    expected = parts / 8.0
+    np.testing.assert_allclose(found.mean(axis=(0, 1, 2)), expected.mean(axis=(0, 1, 2)), rtol=0.01)
+    moved = 0.5 * np.abs(found - expected).sum(axis=-1)
+    assert (moved <= (parts % 2).sum(axis=-1) / 16.0 + 1e-12).all()
+    energy = np.array([20.0])
+    mu = np.array([
+        attenuation_per_mm(one, energy)[0]
+        for one in (*(MATERIALS[name] for name in names), BEAM_MATERIALS["air"])
+    ])  # fmt: skip
+    off = np.abs((found - expected) @ mu)
+    there = np.where((parts > 0) | (found > 0.0), mu, np.nan)
+    assert (off <= moved * (np.nanmax(there, -1) - np.nanmin(there, -1)) + 1e-12).all()

@@ -149,7 +149,7 @@ def gaussian_mean(image, sigma):
     return image
 
 
-def layered(beam, layers, cell_mm, tangents, multiple, around_mm):
+def layered(beam, layers, cell_mm, tangents, multiple, around_mm, mean_way):
     """Sum over all pairs of cells and all layers, for parallel rays and one energy."""
     rows, columns = beam.shape
     depths = [layer.depth[0] for layer in layers]
@@ -186,14 +186,31 @@ def layered(beam, layers, cell_mm, tangents, multiple, around_mm):
 
         ring = np.arange(0.25, 120.0, 0.5)
         ratio = np.divide(*((part * ring).sum() for part in kernel(ring)))
-        for k in range(rows):
-            for m in range(columns):
-                for i in range(rows):
-                    for j in range(columns):
+        for i in range(rows):
+            for j in range(columns):
+                arriving, along = 0.0, np.zeros(2)
+                for k in range(rows):
+                    for m in range(columns):
                         one, flat = kernel(cell_mm * math.hypot(i - k, j - m))
                         sent = source[k, m] * (one + again[k, m] * ratio * flat)
-                        out[i, j] += sent * math.exp(-far[i, j])
+                        arriving += sent
+                        along += sent * np.array([k - i, m - j])
+                along *= mean_way / arriving
+                met = sum(
+                    w * (1.0 - low.height_mm / h) * between(d, (i, j) + low.height_mm / h * along)
+                    for w, low, d in zip(weights, layers[: number + 1], depths, strict=False)
+                )
+                out[i, j] += arriving * math.exp(-met)
     return out
+
+
+def between(image, place):
+    """Bilinear interpolation inside an image."""
+    i, j = (min(int(at), size - 2) for at, size in zip(place, image.shape, strict=True))
+    u, v = place[0] - i, place[1] - j
+    upper = (1.0 - v) * image[i, j] + v * image[i, j + 1]
+    lower = (1.0 - v) * image[i + 1, j] + v * image[i + 1, j + 1]
+    return (1.0 - u) * upper + u * lower
 
 
 def edge_paths(pixel_mm, size=260, angle_deg=2.0, material="titanium", length_mm=0.3):

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 SMOOTHING_MM = 5.0
 """Standard deviation of the Gaussian on the detector, mm. What is smoothed is scatter over its
-expected shape; the bias is measured in docs/explanation/scatter.md: at most 1.3 % in any region of
+expected shape; the bias is measured in docs/explanation/scatter.md: at most 1.8 % in any region of
 a slab, where a Gaussian of 4 mm over the scatter itself leaks by up to 12 % at an edge."""
 
 

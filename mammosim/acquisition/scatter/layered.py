@@ -2,14 +2,14 @@
 
 Each layer of breast, paddle and support sends out scatter in proportion to the photons that reach
 it, with the angular distribution of its material. The way down to the detector is attenuated half
-as above where the photon scattered and half as above where it arrives, so that scatter leaves the
-breast at its margin with less attenuation, and what paddle and support scatter beside the breast
-reaches under its edge.
+as below where the photon scattered and half as along the mean way of the photons that arrive at a
+place, so that scatter leaves the breast at its margin with less attenuation, and what paddle and
+support scatter beside the breast reaches under its edge.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,11 @@ MULTIPLE = (0.46, 0.22)
 AROUND_MM = 30.0
 REACH_MM = 120.0
 """How far scatter goes: kernels end there."""
+
+MEAN_WAY = 0.75
+"""Where photons come from that arrive at a place, as part of the mean distance of all that are sent
+there: those from nearer by are attenuated less. Fitted to the profiles of three upright slabs by
+Monte Carlo, from 10 mm inside the edge to 10 mm outside; with 1, scatter falls too fast outside."""
 
 PADDLE_EDGE_MM = 8.0
 """Standard deviation over which the breast's edge is spread for what the paddle scatters, mm:
@@ -180,14 +185,19 @@ def layered_scatter(
 
     I being what reaches it, ``tan(theta) = |u - u'| / h``, p the emission, t the depth below, and
     t without a place its mean in the breast. Of what lies at the height h' < h, the part h' / h
-    counts as it is straight below where the photon scatters, the rest as it is above where the
-    photon arrives: a straight way goes evenly from one to the other. Angles are counted from the
-    ray that is left.
+    counts as it is straight below where the photon scatters, the rest as it is on the mean way of
+    what arrives at u, at ``u + h' / h MEAN_WAY m``, m being the mean of u' - u over all that is
+    sent to u. Just outside an upright side that way leads through the breast; straight above,
+    there is air. What the paddle scatters arrives from all around: its way counts as straight
+    above, with the breast's edge spread by `PADDLE_EDGE_MM`. Angles are counted from the ray that
+    is left.
     """
     energies, rows, columns = open_signal.shape
     reach = round(REACH_MM / grid.cell_mm)
     shape = [fft.next_fast_len(n + reach, real=True) for n in (rows, columns)]
-    radius = _radii_mm(grid.cell_mm, reach, shape)
+    offsets = _offsets(reach, shape)
+    radius = grid.cell_mm * np.hypot(*offsets)
+    radius[radius > REACH_MM] = 1e6
     secant = np.sqrt(1.0 + grid.tangent((rows, columns)) ** 2)
     total = np.zeros((rows, columns))
     for energy in range(energies):
@@ -209,37 +219,82 @@ def layered_scatter(
             half = 1.0 if layer.plate else np.exp(-0.5 * depth)
             reaching *= half
             below = layers[: number + 1]
-            near, far = _split(below, upright)
-            if layer.plate and number > 0:  # the paddle
-                far = ndimage.gaussian_filter(far, PADDLE_EDGE_MM / grid.cell_mm, mode="nearest")
+            near, far = _near(below, upright), _far(below, upright)
             near = grid.where_rays_cross(near, layer.height_mm)
             mean = float((near + far)[inside].mean()) if inside.any() else 0.0
             source = reaching * np.exp(-near) * depth
             kernels = _kernels(layer, energy, radius, mean, grid.cell_mm)
-            spectrum = fft.rfft2(source, shape) * fft.rfft2(kernels[0])
-            spectrum += fft.rfft2(source * again, shape) * fft.rfft2(kernels[1])
-            total += fft.irfft2(spectrum, shape)[:rows, :columns] * np.exp(-far)
+            sent = [fft.rfft2(source, shape), fft.rfft2(source * again, shape)]
+            arriving = _spread(sent, kernels, shape)[:rows, :columns]
+            if layer.plate and number > 0:  # the paddle
+                far = ndimage.gaussian_filter(far, PADDLE_EDGE_MM / grid.cell_mm, mode="nearest")
+            else:
+                far = _far(below, upright, _mean_way(sent, kernels, offsets, arriving))
+            total += arriving * np.exp(-far)
             reaching *= half
     return np.maximum(total, 0.0)
 
 
-def _split(
-    layers: Sequence[Layer], depths: Sequence[NDArray[np.float64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Depth below the middle of the last layer, as met close to it and close to the detector.
+def _spread(
+    sent: Sequence[NDArray[np.complex128]],
+    kernels: Sequence[NDArray[np.float64]],
+    shape: Sequence[int],
+) -> NDArray[np.float64]:
+    """What arrives at each cell of the torus; `sent` are the transforms of each kernel's source."""
+    pairs = zip(sent, kernels, strict=True)
+    spread: NDArray[np.float64] = fft.irfft2(sum(s * fft.rfft2(k) for s, k in pairs), shape)
+    return spread
 
-    Plates below count as crossed.
-    """
-    top = layers[-1].height_mm
-    near, far = np.zeros(depths[0].shape), np.zeros(depths[0].shape)
+
+def _mean_way(
+    sent: Sequence[NDArray[np.complex128]],
+    kernels: Sequence[NDArray[np.float64]],
+    offsets: tuple[NDArray[np.float64], NDArray[np.float64]],
+    arriving: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], ...]:
+    """Rows and columns from each cell to where the photons come from that arrive there."""
+    rows, columns = arriving.shape
+    floor = max(1e-9 * float(arriving.max()), np.finfo(float).tiny)
+    moments = (
+        _spread(sent, [-away * kernel for kernel in kernels], kernels[0].shape)[:rows, :columns]
+        for away in offsets
+    )
+    return tuple(MEAN_WAY * moment / np.maximum(arriving, floor) for moment in moments)
+
+
+def _near(layers: Sequence[Layer], depths: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Depth below the middle of the last layer, as met close to it; plates count as crossed."""
+    near = np.zeros(depths[0].shape)
+    for weight, part, depth in _crossed(layers, depths):
+        near += weight * part * depth
+    return near
+
+
+def _far(
+    layers: Sequence[Layer],
+    depths: Sequence[NDArray[np.float64]],
+    way: tuple[NDArray[np.float64], ...] | None = None,
+) -> NDArray[np.float64]:
+    """The rest of that depth, as met close to the detector: on a way (cells), or straight above."""
+    far = np.zeros(depths[0].shape)
+    place = np.indices(far.shape, np.float64)
+    for weight, part, depth in _crossed(layers, depths):
+        met = depth
+        if way is not None:
+            moved = [start + part * along for start, along in zip(place, way, strict=True)]
+            met = ndimage.map_coordinates(depth, moved, order=1, mode="nearest")
+        far += weight * (1.0 - part) * met
+    return far
+
+
+def _crossed(
+    layers: Sequence[Layer], depths: Sequence[NDArray[np.float64]]
+) -> Iterator[tuple[float, float, NDArray[np.float64]]]:
+    """How much of each layer is crossed, its height over that of the last one, and its depth."""
     for layer, depth in zip(layers, depths, strict=False):
-        if layer.plate:
-            continue
-        part = layer.height_mm / top
-        half = 0.5 if layer is layers[-1] else 1.0
-        near += half * part * depth
-        far += half * (1.0 - part) * depth
-    return near, far
+        if not layer.plate:
+            half = 0.5 if layer is layers[-1] else 1.0
+            yield half, layer.height_mm / layers[-1].height_mm, depth
 
 
 def _inside(
@@ -267,12 +322,12 @@ def _kernels(
     return once, even * (sums[0] / sums[1])
 
 
-def _radii_mm(cell_mm: float, reach: int, shape: list[int]) -> NDArray[np.float64]:
-    """Distance of each cell from cell [0, 0] of a torus; a million cells beyond the reach."""
+def _offsets(reach: int, shape: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rows and columns from cell [0, 0] of a torus to each cell; a million beyond the reach."""
     axes = []
     for length in shape:
         away = np.arange(length, dtype=np.float64)
-        away = np.minimum(away, length - away)
-        away[away > reach] = 1e6
-        axes.append(away * cell_mm)
-    return np.hypot(axes[0][:, None], axes[1][None, :])
+        away = np.where(away > 0.5 * length, away - length, away)
+        away[np.abs(away) > reach] = 1e6
+        axes.append(away)
+    return axes[0][:, None], axes[1][None, :]
