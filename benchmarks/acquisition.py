@@ -238,7 +238,7 @@ def contrast() -> Figure:
 def tomosynthesis() -> Figure:
     """Five of the projections of a generated breast, as the logarithm of the signal."""
     breast = mammosim.generate_phantom(density="scattered", voxel_mm=0.5, seed=1, volume_ml=400)
-    compressed = mammosim.compress(breast, "CC", resolution_mm=2.0)
+    compressed = mammosim.compress(breast, "CC", model="springs", resolution_mm=2.0)
     arc = project_arc(compressed, {"angle_range_deg": 50.0, "projections": 5}, pixel_mm=0.2)
     series = expose_arc(arc, mas=90.0)
     figure = Figure(figsize=(10.5, 3.6), layout="constrained")

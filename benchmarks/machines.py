@@ -37,7 +37,7 @@ from mammosim.phantom import generate_phantom
 from mammosim.pipeline import SavedView, read_views
 
 CASES = {
-    "springs": (450, ["CC", "MLO"], {"resolution_mm": 1.5}),
+    "springs": (450, ["CC", "MLO"], {"resolution_mm": 1.5, "model": "springs"}),
     "hyperelastic": (300, ["CC"], {"resolution_mm": 4.0, "model": "hyperelastic"}),
 }
 """Volume in mL, views, and the section `compression`."""

@@ -36,7 +36,7 @@ COHORT = {
             {"name": "mass", "kind": "mass", "diameter_mm": {"normal": [9, 2], "within": [6, 14]}}
         ],
     },
-    "compression": {"resolution_mm": 6},
+    "compression": {"model": "springs", "resolution_mm": 6},
     "projection": {"pixel_mm": 1.5},
     "views": ["CC"],
     "report": {"html": False},

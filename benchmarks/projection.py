@@ -111,7 +111,9 @@ def lumps(n: int) -> np.ndarray:
 def compressed(path: str, view: str, pixel_mm: float, peers: str | None) -> None:
     """FDA's phantom at 50 mm, all tissues."""
     breast = read_phantom(path, labels="victre")
-    keys = {"thickness_mm": THICKNESS_MM, "muscle": "fixed", "stiffness": "victre"}
+    keys = {
+        "model": "springs", "thickness_mm": THICKNESS_MM, "muscle": "fixed", "stiffness": "victre",
+    }  # fmt: skip
     try:
         compressed = compress(breast, view, **keys)
     except NotConverged as stop:  # as good for timing: it is a few thousandths of a node off

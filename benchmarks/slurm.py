@@ -34,7 +34,7 @@ SMALL = {
         **COHORT["phantom"],
         "generate": {**COHORT["phantom"]["generate"], "voxel_mm": 2.0},
     },
-    "compression": {"resolution_mm": 4},
+    "compression": {"model": "springs", "resolution_mm": 4},
     "projection": {"pixel_mm": 0.5},
     "views": ["CC", "MLO"],
 }

@@ -48,7 +48,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--voxels", type=int, default=512, help="along each edge of the cube")
     voxels = parser.parse_args().voxels
-    compress(half_ellipsoid(48), "CC", thickness_mm=THICKNESS_MM, resolution_mm=EXTENT_MM / 48)
+    compress(
+        half_ellipsoid(48),
+        "CC",
+        model="springs",
+        thickness_mm=THICKNESS_MM,
+        resolution_mm=EXTENT_MM / 48,
+    )
     breast = half_ellipsoid(voxels)
     start = time.perf_counter()
 
@@ -57,7 +63,7 @@ def main() -> None:
               f"{row['error_estimate_voxel']:.4f} voxel, {row['nodes_held']} held")  # fmt: skip
 
     compressed = compress(
-        breast, "CC", watch=print_row, thickness_mm=THICKNESS_MM,
+        breast, "CC", model="springs", watch=print_row, thickness_mm=THICKNESS_MM,
         resolution_mm=EXTENT_MM / voxels, tolerance_voxel=0.01, plate_edge_mm=10.0,
     )  # fmt: skip
     seconds = time.perf_counter() - start

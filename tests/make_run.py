@@ -19,7 +19,7 @@ FEW_PHOTONS = {"scatter": {"photons": 10_000}}
 
 SMALL = {
     "acquisition": FEW_PHOTONS,
-    "compression": {"thickness_mm": 36, "resolution_mm": 3},
+    "compression": {"model": "springs", "thickness_mm": 36, "resolution_mm": 3},
     "projection": {"pixel_mm": 0.8},
     "seed": 3,
 }

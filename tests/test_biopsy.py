@@ -202,7 +202,13 @@ def test_another_views_compression_is_not_computed_twice(folder, monkeypatch):
 
 
 def test_a_biopsy_that_does_not_converge_is_said(folder, tmp_path):
-    compression = {"thickness_mm": 36, "resolution_mm": 3, "solver": "relaxation", "max_sweeps": 3}
+    compression = {
+        "model": "springs",
+        "thickness_mm": 36,
+        "resolution_mm": 3,
+        "solver": "relaxation",
+        "max_sweeps": 3,
+    }
     path = write(
         folder, "short.yaml", views=["CC"], targets={"biopsy": {"view": "ML"}},
         compression=compression,

@@ -55,11 +55,14 @@ def test_what_run_refuses_is_refused_by_check(changes, message, tmp_path):
         ({"acquisition": {"mas": 0.5}}, "CC: tube load: found 0.5 mAs, plausible from 1 mAs"),
         ({"acquisition": {"mas": 1000}}, "CC: tube load: found 1000 mAs, plausible up to 600 mAs"),
         ({"compression": {"thickness_mm": 5}}, "CC: compressed thickness: found 5 mm"),
-        ({"compression": {"spring_law": "exponential"}}, "compression.spring_law: exponential"),
+        (
+            {"compression": {"model": "springs", "spring_law": "exponential"}},
+            "compression.spring_law: exponential",
+        ),
         (
             {
                 "phantom": {"file": "breast.npz", "voxel_mm": 5},
-                "compression": {"resolution_mm": 10},
+                "compression": {"model": "springs", "resolution_mm": 10},
             },
             "volume of the breast: found",
         ),

@@ -61,7 +61,9 @@ def test_whole_numbers_and_decimals():
 def test_a_patient_depends_on_seed_number_and_key_alone(tmp_path):
     base = cohort(tmp_path)
     more = cohort(
-        tmp_path, ["cohort.patients=5000"], compression={"resolution_mm": {"uniform": [2, 4]}}
+        tmp_path,
+        ["cohort.patients=5000"],
+        compression={"model": "springs", "resolution_mm": {"uniform": [2, 4]}},
     )
     for patient in (5, 0, 7):
         drawn = more.drawn(patient)

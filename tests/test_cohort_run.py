@@ -56,7 +56,7 @@ def describe(folder: Path) -> Path:
             },
             "lesions": [lesion],
         },
-        "compression": {"resolution_mm": 6},
+        "compression": {"model": "springs", "resolution_mm": 6},
         "projection": {"pixel_mm": 1.5},
         "acquisition": FEW_PHOTONS,
         "views": ["CC"],

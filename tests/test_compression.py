@@ -31,7 +31,7 @@ def breast():
 
 @pytest.fixture(scope="module")
 def compressed(breast):
-    return compress(breast, "CC", thickness_mm=32.0, resolution_mm=2.0)
+    return compress(breast, "CC", model="springs", thickness_mm=32.0, resolution_mm=2.0)
 
 
 def tissue_points(breast, step: int = 3) -> np.ndarray:
@@ -99,7 +99,11 @@ def test_deformation_gradient_is_that_of_the_displacement(compressed):
 @pytest.mark.parametrize("view", ["CC", "MLO", "ML"])
 def test_plates_squeeze_along_their_normal(laterality, view):
     compressed = compress(
-        half_ellipsoid_breast(laterality), view, thickness_mm=36.0, resolution_mm=3.0
+        half_ellipsoid_breast(laterality),
+        view,
+        model="springs",
+        thickness_mm=36.0,
+        resolution_mm=3.0,
     )
     normal = compressed.view.rotation.T @ [0.0, 0.0, 1.0]
     medial = 1.0 if laterality == "R" else -1.0
@@ -116,7 +120,9 @@ def test_left_and_right_breasts_are_mirror_images():
     fields = []
     for laterality in "LR":
         breast = half_ellipsoid_breast(laterality)
-        fields.append(compress(breast, "MLO", thickness_mm=36.0, resolution_mm=3.0))
+        fields.append(
+            compress(breast, "MLO", model="springs", thickness_mm=36.0, resolution_mm=3.0)
+        )
     points = tissue_points(half_ellipsoid_breast())
     mirror = np.array([1.0, -1.0, 1.0])
     left, right = fields[0].displacement_at(points), fields[1].displacement_at(points * mirror)
@@ -125,7 +131,9 @@ def test_left_and_right_breasts_are_mirror_images():
 
 
 def test_solvers_give_the_same_displacement(breast, compressed):
-    relaxed = compress(breast, "CC", thickness_mm=32.0, resolution_mm=2.0, solver="relaxation")
+    relaxed = compress(
+        breast, "CC", model="springs", thickness_mm=32.0, resolution_mm=2.0, solver="relaxation"
+    )
     points = tissue_points(breast)
     gap = compressed.displacement_at(points) - relaxed.displacement_at(points)
     assert np.linalg.norm(gap, axis=1).mean() < 0.1 * 2.0
@@ -133,13 +141,15 @@ def test_solvers_give_the_same_displacement(breast, compressed):
 
 
 def test_plates_can_be_given_by_their_heights(breast):
-    compressed = compress(breast, "CC", support_z_mm=-16.0, paddle_z_mm=18.0, resolution_mm=3.0)
+    compressed = compress(
+        breast, "CC", model="springs", support_z_mm=-16.0, paddle_z_mm=18.0, resolution_mm=3.0
+    )
     assert (compressed.support_z_mm, compressed.paddle_z_mm) == (-16.0, 18.0)
 
 
 def test_thickness_follows_the_population_and_says_so(breast):
     volume = breast_volume_ml(breast)
-    compressed = compress(breast, "CC", resolution_mm=3.0)
+    compressed = compress(breast, "CC", model="springs", resolution_mm=3.0)
     assert compressed.thickness_mm == pytest.approx(population_thickness_mm("CC", volume), abs=0.1)
     assert any("population fit" in note for note in compressed.notes)
 
@@ -157,8 +167,8 @@ def test_a_thickness_that_the_breasts_height_limits_says_so(breast):
 
 
 def test_a_force_finds_its_thickness(breast):
-    wanted = compress(breast, "CC", thickness_mm=34.0, resolution_mm=3.0)
-    found = compress(breast, "CC", force_n=wanted.force_n, resolution_mm=3.0)
+    wanted = compress(breast, "CC", model="springs", thickness_mm=34.0, resolution_mm=3.0)
+    found = compress(breast, "CC", model="springs", force_n=wanted.force_n, resolution_mm=3.0)
     assert found.force_n == pytest.approx(wanted.force_n, rel=0.01)
     # 1 % of force, where force grows roughly linearly over 15 mm of squeeze.
     assert found.thickness_mm == pytest.approx(34.0, abs=0.5)
@@ -168,14 +178,18 @@ def test_a_force_that_springs_cannot_bear_names_the_largest(breast):
     with pytest.raises(
         mammosim.InputError, match=r"force_n: found 500 N.*supports at most [\d.]+ N"
     ):
-        compress(breast, "CC", force_n=500.0, resolution_mm=3.0)
+        compress(breast, "CC", model="springs", force_n=500.0, resolution_mm=3.0)
 
 
 def test_muscle_is_held_or_soft():
     breast = half_ellipsoid_breast(muscle_mm=8.0)
     point = [[7.0, 0.0, 14.0]]
-    held = compress(breast, "CC", thickness_mm=36.0, resolution_mm=2.0, muscle="fixed")
-    soft = compress(breast, "CC", thickness_mm=36.0, resolution_mm=2.0, muscle="soft")
+    held = compress(
+        breast, "CC", model="springs", thickness_mm=36.0, resolution_mm=2.0, muscle="fixed"
+    )
+    soft = compress(
+        breast, "CC", model="springs", thickness_mm=36.0, resolution_mm=2.0, muscle="soft"
+    )
     assert np.abs(held.displacement_at(point)).max() < 1e-6
     assert np.abs(soft.displacement_at(point)).max() > 0.5
     assert held.plate_edge_mm == pytest.approx(13.0)
@@ -184,10 +198,18 @@ def test_muscle_is_held_or_soft():
 
 def test_muscle_left_out_depends_on_how_far_it_reaches():
     slab = compress(
-        half_ellipsoid_breast(muscle_mm=8.0), "CC", thickness_mm=36.0, resolution_mm=3.0
+        half_ellipsoid_breast(muscle_mm=8.0),
+        "CC",
+        model="springs",
+        thickness_mm=36.0,
+        resolution_mm=3.0,
     )
     wedge = compress(
-        half_ellipsoid_breast(muscle_mm=22.0), "CC", thickness_mm=36.0, resolution_mm=3.0
+        half_ellipsoid_breast(muscle_mm=22.0),
+        "CC",
+        model="springs",
+        thickness_mm=36.0,
+        resolution_mm=3.0,
     )
     assert slab.plate_edge_mm == pytest.approx(13.0)
     assert wedge.plate_edge_mm == pytest.approx(5.0)
@@ -297,7 +319,13 @@ def test_a_breast_of_air_is_refused(breast):
 def test_not_converged_carries_what_was_reached(breast):
     with pytest.raises(mammosim.NotConverged, match="LCC: relaxation stopped") as caught:
         compress(
-            breast, "CC", thickness_mm=32.0, resolution_mm=3.0, solver="relaxation", max_sweeps=5
+            breast,
+            "CC",
+            model="springs",
+            thickness_mm=32.0,
+            resolution_mm=3.0,
+            solver="relaxation",
+            max_sweeps=5,
         )
     assert not caught.value.reached.converged
     assert caught.value.reached.history.size == 5
@@ -311,7 +339,15 @@ def test_interruption_carries_what_was_reached(breast):
         with pytest.raises(
             mammosim.Interrupted, match="LCC: compression was interrupted"
         ) as caught:
-            compress(breast, "CC", thickness_mm=32.0, resolution_mm=3.0, solver=solver, watch=stop)
+            compress(
+                breast,
+                "CC",
+                model="springs",
+                thickness_mm=32.0,
+                resolution_mm=3.0,
+                solver=solver,
+                watch=stop,
+            )
         assert caught.value.reached.interrupted
 
 
@@ -350,5 +386,5 @@ def test_interruption_before_anything_is_compressed(breast, monkeypatch):
 
     monkeypatch.setattr(spring_model, "make_case", stop)
     with pytest.raises(mammosim.Interrupted, match="LCC: compression was interrupted") as caught:
-        compress(breast, "CC", thickness_mm=32.0)
+        compress(breast, "CC", model="springs", thickness_mm=32.0)
     assert caught.value.reached is None

@@ -101,7 +101,9 @@ def test_springs_pressed_flat_are_no_result(breast):
 def test_plates_that_do_not_compress_are_refused(breast, heights_mm, said):
     low, high = heights_mm
     with pytest.raises(InputError, match=said):
-        compress(breast, "CC", resolution_mm=6.0, support_z_mm=low, paddle_z_mm=high)
+        compress(
+            breast, "CC", model="springs", resolution_mm=6.0, support_z_mm=low, paddle_z_mm=high
+        )
 
 
 @pytest.mark.parametrize("view", ["CC", "MLO"])

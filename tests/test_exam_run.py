@@ -29,7 +29,7 @@ EXAM = {
             {"name": "clip", "kind": "mass", "diameter_mm": 14, "laterality": "L"},
         ],
     },
-    "compression": {"resolution_mm": 6.0},
+    "compression": {"model": "springs", "resolution_mm": 6.0},
     "projection": {"pixel_mm": 1.0},
     "acquisition": {"scatter": False},
     "patient": {"id": "W-1", "birth_date": "19490301"},

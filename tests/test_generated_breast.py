@@ -16,7 +16,7 @@ def study(request):
     )
     views = {}
     for view in ("CC", "MLO"):
-        compressed = mammosim.compress(breast, view=view, resolution_mm=3.0)
+        compressed = mammosim.compress(breast, view=view, model="springs", resolution_mm=3.0)
         paths = mammosim.project(compressed, pixel_mm=0.6)
         views[view] = compressed, paths, mammosim.expose(paths, seed=1, **FEW_PHOTONS)
     return breast, views

@@ -31,7 +31,7 @@ CONFIGURATION = {
         "generate": {"density": "dense", "volume_ml": 160, "voxel_mm": 4.0},
         "lesions": [{"name": "mass", "kind": "mass", "diameter_mm": 16}],
     },
-    "compression": {"resolution_mm": 6},
+    "compression": {"model": "springs", "resolution_mm": 6},
     "projection": {"pixel_mm": 1.5},
     "acquisition": FEW_PHOTONS,
     "export": {"path_lengths": True},

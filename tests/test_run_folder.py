@@ -25,7 +25,7 @@ from mammosim.pipeline.run import observer
 GENERATED = {
     **SMALL,
     "phantom": {"generate": {"volume_ml": 200, "voxel_mm": 3.0, "density": "fatty"}},
-    "compression": {"resolution_mm": 6.0},
+    "compression": {"model": "springs", "resolution_mm": 6.0},
     "projection": {"pixel_mm": 1.0},
     "views": ["CC"],
 }
@@ -53,7 +53,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     [
         {"acquisition": {"composition": "misspelt.yaml"}},
         {"projection": {"pixel_mm": 1e-5}},
-        {"compression": {"resolution_mm": 6.0, "thickness_mm": 400}},
+        {"compression": {"model": "springs", "resolution_mm": 6.0, "thickness_mm": 400}},
     ],
 )
 def test_a_refused_run_leaves_nothing_and_its_correction_runs(user, bad):

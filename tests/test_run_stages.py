@@ -20,7 +20,7 @@ SECTIONS = {
         "generate": {"volume_ml": 250, "voxel_mm": 3.0},
         "lesions": [{"name": "ball", "kind": "mass", "diameter_mm": 20}],
     },
-    "compression": {"resolution_mm": 6.0, "thickness_mm": 45},
+    "compression": {"model": "springs", "resolution_mm": 6.0, "thickness_mm": 45},
     "projection": {"pixel_mm": 1.0},
     "acquisition": FEW_PHOTONS,
     "targets": {"biopsy": {"view": "ML", "thickness_mm": 50}, "uncertainty": {"samples": 10}},
@@ -70,7 +70,9 @@ def test_views_without_an_observer_are_those_of_the_run(config, study):
 def test_sections_as_keywords_are_the_configuration(config, study):
     """Mappings and settings objects, and the caller's own mappings stay as they are."""
     given = copy.deepcopy(SECTIONS)
-    given["compression"] = CompressionSettings(resolution_mm=6.0, thickness_mm=45.0)
+    given["compression"] = CompressionSettings(
+        model="springs", resolution_mm=6.0, thickness_mm=45.0
+    )
     given["targets"] = {}
     before = copy.deepcopy(given)
     other = mammosim.simulate(**given)

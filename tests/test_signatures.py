@@ -99,7 +99,9 @@ def chain():
 
         args, keys = given(GenerateSettings, density="dense", voxel_mm=4.0, volume_ml=300.0)
         breast = mammosim.generate_phantom(*args, seed=2, **keys)
-        args, keys = given(CompressionSettings, thickness_mm=50.0, resolution_mm=6.0)
+        args, keys = given(
+            CompressionSettings, model="springs", thickness_mm=50.0, resolution_mm=6.0
+        )
         compressed = mammosim.compress(breast, "CC", *args, **keys)
         args, keys = given(ProjectionSettings, pixel_mm=2.0)
         paths = mammosim.project(compressed, *args, **keys)

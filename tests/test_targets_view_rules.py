@@ -82,7 +82,7 @@ def test_a_speck_that_hangs_on_nothing_is_doubted():
     labels[:20, 5:35, 5:35] = 1
     labels[34:38, 18:22, 18:22] = 1  # in front of the breast, with nothing between
     breast = phantom(labels, 1.0, [0.5, -19.5, -19.5])
-    compressed = compress(breast, view="CC", thickness_mm=24.0, resolution_mm=2.0)
+    compressed = compress(breast, view="CC", model="springs", thickness_mm=24.0, resolution_mm=2.0)
     row = make_targets(View("CC", "L"))[-1]
     origins = target_origins(breast)
     (note,) = target_warnings(compressed, [row], origins)

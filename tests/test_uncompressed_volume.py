@@ -37,7 +37,7 @@ def test_a_mass_is_carried_back_onto_itself(tmp_path, view):
         name="mass", kind="mass", diameter_mm=14, position_mm=(13, 9, 9), margin="smooth"
     )
     breast = insert_lesions(breast, [mass], np.random.default_rng(1))
-    compressed = compress(breast, view, thickness_mm=36, resolution_mm=3)
+    compressed = compress(breast, view, model="springs", thickness_mm=36, resolution_mm=3)
     labels, frame = compressed_labels(compressed)
     write_phantom(breast, tmp_path)
     write_compressed(tmp_path / "view", compressed, ExportSettings(), labels, frame)

@@ -91,9 +91,9 @@ class CompressionKeys(TypedDict, total=False):
     """Keys of `CompressionSettings`."""
 
     model: Literal["springs", "hyperelastic", "none"]
-    """Mechanical model: `springs`, that of the source thesis and the fastest; `hyperelastic`,
-    near-incompressible finite elements; `none`, the breast as it is (or as it was already
-    compressed). Default: springs."""
+    """Mechanical model: `hyperelastic`, near-incompressible finite elements; `springs`, that of the
+    source thesis and the fastest; `none`, the breast as it is (or as it was already compressed).
+    Default: hyperelastic."""
 
     solver: Literal["multigrid", "relaxation"]
     """Solver of the spring model: `relaxation` is the thesis' own; `multigrid` reaches the same

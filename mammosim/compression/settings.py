@@ -141,11 +141,10 @@ class CompressionSettings(Settings):
     """How the breast is compressed."""
 
     model: Annotated[str, BeforeValidator(_known_model)] = Field(
-        default="springs", json_schema_extra=_with_names
+        default="hyperelastic", json_schema_extra=_with_names
     )
-    """Mechanical model: `springs`, that of the source thesis and the fastest; `hyperelastic`,
-    near-incompressible finite elements; `none`, the breast as it is (or as it was already
-    compressed)."""
+    """Mechanical model: `hyperelastic`, near-incompressible finite elements; `springs`, that of the
+    source thesis and the fastest; `none`, the breast as it is (or as it was already compressed)."""
 
     solver: Literal["multigrid", "relaxation"] = "multigrid"
     """Solver of the spring model: `relaxation` is the thesis' own; `multigrid` reaches the same

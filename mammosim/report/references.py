@@ -80,7 +80,7 @@ def references_used(settings: Mapping[str, Any]) -> list[Reference]:
     phantom, compression, acquisition, export = (
         settings.get(name) or {} for name in ("phantom", "compression", "acquisition", "export")
     )
-    model = MODELS[compression.get("model", "springs")]
+    model = MODELS[compression.get("model", "hyperelastic")]
     stiffness = compression.get("stiffness", model.usual.get("stiffness", "thesis"))
     targets, report = (settings.get(name) or {} for name in ("targets", "report"))
     varied = targets.get("uncertainty") is not None
