@@ -18,6 +18,7 @@ from mammosim.phantom.anatomy import (
     _surface_kernels,
     _tissue_kernels,
     _tube_kernels,
+    body,
     generate,
     lobules,
     threads,
@@ -41,9 +42,9 @@ def test_gland_is_where_the_potential_exceeds_the_threshold():
     """Blocks that are decided from their corners hold what their voxels would have been given."""
     settings = GenerateSettings(voxel_mm=2.5, volume_ml=120.0, density="c")
     anatomy = generate._anatomy(settings, 5)
-    lattice = generate._lattice(anatomy, settings.voxel_mm)
+    lattice = body.lattice_of(anatomy.body, settings.voxel_mm)
     texture = generate._texture(anatomy, 5)
-    paint = generate._paint(anatomy)._replace(threshold=-2.0)
+    paint = body.paint_of(anatomy.body)._replace(threshold=-2.0)
     size = (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size)
     labels = np.zeros(size, np.uint8)
     half = lattice.x_start.size // 2

@@ -13,6 +13,7 @@ from mammosim.geometry import compression_from_breast
 from mammosim.phantom import (
     LesionSettings,
     PhantomSettings,
+    generate_outline,
     generate_phantom,
     insert_lesions,
     phantom_summary,
@@ -52,6 +53,24 @@ def from_open_end(breast):
     y, z = np.ix_(*axes)
     end = breast.open_end
     return end.point_mm @ end.normal - y * end.normal[1] - z * end.normal[2]
+
+
+def test_outline_alone_is_that_of_the_breast():
+    settings = GenerateSettings(density="dense", voxel_mm=4.0, volume_ml=300.0)
+    breast, outline = (
+        make(settings, seed=2, laterality="R") for make in (generate_phantom, generate_outline)
+    )
+    np.testing.assert_array_equal(outline.origin_mm, breast.origin_mm)
+    tissue, same = breast.labels > 0, (breast.labels > 0) == (outline.labels > 0)
+    surface = tissue & ~ndimage.binary_erosion(tissue, np.ones((3, 3, 3)))
+    near = ndimage.binary_dilation(surface, np.ones((3, 3, 3)))
+    assert same[~near].all()
+    assert (~same).sum() < 0.05 * tissue.sum()
+    np.testing.assert_allclose(outline.nipple_mm, breast.nipple_mm, atol=4.0)
+    here, there = phantom_summary(outline), phantom_summary(breast)
+    assert here.breast_ml == pytest.approx(there.breast_ml, rel=0.03)
+    assert here.fibroglandular_percent == pytest.approx(there.fibroglandular_percent, abs=4.0)
+    np.testing.assert_array_equal(outline.open_end.held_depth_mm, breast.open_end.held_depth_mm)
 
 
 @pytest.mark.parametrize("density", DENSITY_PERCENT)

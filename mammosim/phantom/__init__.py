@@ -1,6 +1,6 @@
 """The uncompressed breast: readers, generator, lesions, checks."""
 
-from mammosim.phantom.anatomy import GenerateSettings, generate_phantom
+from mammosim.phantom.anatomy import GenerateSettings, generate_outline, generate_phantom
 from mammosim.phantom.breast import (
     BreastPhantom,
     CompressedState,
@@ -61,6 +61,7 @@ __all__ = [
     "check_shapes",
     "count_values",
     "expected_voxels",
+    "generate_outline",
     "generate_phantom",
     "insert_lesions",
     "leaves_picture",

@@ -163,7 +163,15 @@ def gland_potential(
         -((distance / BEHIND_SLEEVE_MM) ** 2) - from_nipple / BEHIND_NIPPLE_MM
     )
     lobes = ndimage.gaussian_filter(strength[lobe], 1.5)
+    return room + sleeve + lobes + gland_patches(room, kind, frame, rng)
+
+
+def gland_patches(
+    room: NDArray[np.float64], kind: Parenchyma, frame: VoxelFrame, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """What patches of gland and fat add to the potential."""
     patches = 0.7 * smooth_noise(rng, frame, 25.0) + 0.7 * smooth_noise(rng, frame, 13.0)
     # Patches fill the room that gland has; they hardly carry it into the fat beyond.
     held = np.where(patches > 0.0, np.clip(0.5 + 0.5 * room, 0.0, 1.0), 1.0)
-    return room + sleeve + lobes + kind.patchiness * held * patches
+    added: NDArray[np.float64] = kind.patchiness * held * patches
+    return added

@@ -17,7 +17,14 @@ from mammosim.compression import (
     held_before,
 )
 from mammosim.errors import InputError, NotConverged
-from mammosim.phantom import BreastPhantom, PhantomSettings, box_text, check_shapes, make_phantom
+from mammosim.phantom import (
+    BreastPhantom,
+    PhantomSettings,
+    box_text,
+    check_shapes,
+    generate_outline,
+    make_phantom,
+)
 from mammosim.pipeline.configuration.resolved_view import ResolvedView
 from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.plausibility import plausibility_warnings
@@ -36,7 +43,7 @@ SHADOW_LATTICE_MM = 3.0
 _BY_ESTIMATE = "by an estimate on a coarse lattice"
 
 COARSE_VOXEL_MM = 4.0
-"""Voxel of a generated breast whose outline alone is wanted, mm: it takes a second."""
+"""Voxel of a generated breast whose outline alone is wanted, mm."""
 
 
 def check_before(config: RunConfig) -> tuple[str, ...]:
@@ -213,8 +220,8 @@ def _check_volume(compressed: CompressedBreast, view: ResolvedView) -> None:
 def _outlined_phantom(config: RunConfig) -> tuple[BreastPhantom, float]:
     """The breast, and by how much it may be larger than that, mm.
 
-    One from a file is read, with its lesions. A generated one is made of coarse voxels, which takes
-    a second, up to one voxel smaller than it will be; its lesions are looked for near tissue.
+    One from a file is read, with its lesions. Of a generated one the outline is made of coarse
+    voxels, up to one voxel smaller than it will be; its lesions are looked for near tissue.
     """
     phantom = config.phantom
     if phantom.generate is None:
@@ -224,8 +231,8 @@ def _outlined_phantom(config: RunConfig) -> tuple[BreastPhantom, float]:
         return breast, 0.0
     check_shapes(phantom.lesions)
     coarse_mm = max(COARSE_VOXEL_MM, phantom.generate.voxel_mm)
-    outline = PhantomSettings(generate=phantom.generate.model_copy(update={"voxel_mm": coarse_mm}))
-    breast = make_phantom(outline, config.first_side, config.seed)
+    coarse = phantom.generate.model_copy(update={"voxel_mm": coarse_mm})
+    breast = generate_outline(coarse, config.seed, config.first_side or "L")
     _check_places(phantom, breast, 2)
     return breast, 2.0 * coarse_mm
 

@@ -1,0 +1,189 @@
+"""What a seed decides of a breast from outside: size, shape, muscle, nipple; and its lattice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mammosim.geometry import VoxelFrame
+from mammosim.phantom.anatomy._block_kernels import Lattice, Paint
+from mammosim.phantom.anatomy.axilla import CUT_DEG, draw_axilla
+from mammosim.phantom.anatomy.muscle import COVER_MM, draw_muscle, fit_volume, muscle_depth
+from mammosim.phantom.anatomy.nipple import Areola, Nipple, draw_areola, draw_nipple, varied
+from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, held_depth, skin_depth
+from mammosim.phantom.anatomy.settings import GenerateSettings
+from mammosim.phantom.anatomy.shape import TYPICAL_ML, draw_shape, like
+from mammosim.phantom.breast import BreastPhantom, OpenEnd
+from mammosim.phantom.orientation import nipple_position
+from mammosim.tissues import TISSUES
+
+VOLUME_SPREAD, VOLUMES_ML = 0.48, (100.0, 1900.0)
+"""Spread of the logarithm of volumes drawn, about `TYPICAL_ML`, and their bounds, mL. Chosen so
+that thickness and area of compressed breasts are spread as published (docs/explanation/phantom.md
+compares them)."""
+
+SIDES_SPREAD = 0.04
+"""The same of each breast about what a woman's have in common: two thirds of pairs differ by less
+than 6 %."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A breast from outside: depths are on the grid of `frame`, positive inside, mm."""
+
+    outline: Outline
+    frame: VoxelFrame
+    depth_mm: NDArray[np.float64]
+    muscle_mm: NDArray[np.float64]
+    skin_mm: float
+    nipple: Nipple
+    areola: Areola
+
+
+def expected_volume_ml(settings: GenerateSettings, seed: int, laterality: str = "L") -> float:
+    """Volume of the breast that a seed will give, without making it.
+
+    Parameters
+    ----------
+    settings : GenerateSettings
+    seed : int
+    laterality : {"L", "R"}
+        The two breasts of a seed belong to one woman, and differ a little.
+
+    Returns
+    -------
+    float
+        Without the pectoral muscle, mL.
+    """
+    return _volume_ml(settings, streams_of_woman(seed)[0], streams_of_breast(seed, laterality)[0])
+
+
+def streams_of_woman(seed: int) -> list[np.random.Generator]:
+    """Streams of what both breasts of a woman share: of shape and of how gland lies."""
+    return np.random.default_rng(seed).spawn(2)
+
+
+def streams_of_breast(seed: int, laterality: str) -> list[np.random.Generator]:
+    """Streams of one breast's own: size, shape, fields, lobules, ducts, vessels, threads and
+    findings."""
+    return np.random.default_rng([seed, "LR".index(laterality) + 1]).spawn(8)
+
+
+def _volume_ml(
+    settings: GenerateSettings, shared: np.random.Generator, own: np.random.Generator
+) -> float:
+    drawn = np.exp(VOLUME_SPREAD * shared.standard_normal())
+    sides = np.exp(SIDES_SPREAD * np.clip(own.standard_normal(), -2.0, 2.0))
+    return settings.volume_ml or float(np.clip(TYPICAL_ML * drawn * sides, *VOLUMES_ML))
+
+
+def draw_body(settings: GenerateSettings, seed: int, laterality: str) -> Body:
+    """The body of a seed's breast."""
+    shared, _ = streams_of_woman(seed)
+    size_rng, shape_rng = streams_of_breast(seed, laterality)[:2]
+    volume_ml = _volume_ml(settings, shared, size_rng)
+    skin = float(np.clip(shared.normal(1.45, 0.18), 1.2, 2.0))
+    nipple = varied(draw_nipple(settings, shared), settings, shape_rng)
+    shape = like(draw_shape(volume_ml, shared), shape_rng)
+    axilla, muscle = draw_axilla(shape, shared), draw_muscle(shared)
+    areola = draw_areola(shared)
+    outline = fit_volume(Outline(shape, axilla), muscle, volume_ml)
+    frame = coarse_frame(outline)
+    depth, muscled = skin_depth(outline, frame), muscle_depth(muscle, outline, frame)
+    return Body(outline, frame, depth, muscled, settings.skin_mm or skin, nipple, areola)
+
+
+def lattice_of(body: Body, voxel_mm: float) -> Lattice:
+    """Voxel centres from the chest wall to two voxels of air around breast and nipple."""
+    depth, origin = body.depth_mm, body.frame.origin_mm
+    inside = np.argwhere(depth > 0)
+    at = origin[1:] + inside[:, 1:] * GRID_MM
+    cut = _cut(body.outline)
+    inside = inside[at @ cut[:2] < cut[2] + GRID_MM]
+    low = origin + (inside.min(axis=0) - 1) * GRID_MM
+    high = origin + (inside.max(axis=0) + 1) * GRID_MM
+    front = body.outline.shape.depth_mm + max(body.nipple.height_mm, 0.0) + 2.0 * voxel_mm
+    count = np.ceil((np.array([front, *high[1:]]) + voxel_mm) / voxel_mm).astype(int)
+    first = np.floor((low - voxel_mm) / voxel_mm).astype(int)
+    axes = [
+        (np.arange(start, end) + 0.5) * voxel_mm
+        for start, end in zip((0, first[1], first[2]), count, strict=True)
+    ]
+    starts = [
+        np.searchsorted(axis, origin[n] + GRID_MM * np.arange(body.frame.shape[n]))
+        for n, axis in enumerate(axes)
+    ]
+    x, lateral, superior = axes
+    x_start, lateral_start, superior_start = starts
+    return Lattice(x, lateral, superior, origin, GRID_MM, x_start, lateral_start, superior_start)
+
+
+def _cut(outline: Outline) -> NDArray[np.float64]:
+    """Direction out of the open end (lateral, superior) and its distance from the x axis, mm."""
+    angle = np.deg2rad(CUT_DEG)
+    return np.array([np.cos(angle), np.sin(angle), outline.axilla.cut_mm])
+
+
+def paint_of(body: Body) -> Paint:
+    """Labels and lengths of the last step; the threshold of gland is not known yet."""
+    names = (
+        "adipose", "skin", "gland", "nipple", "muscle", "ligament", "ligament_eighth",
+        "ligament_quarter", "ligament_half",
+    )  # fmt: skip
+    areola = body.areola
+    return Paint(
+        body.nipple.numbers(body.outline.shape.depth_mm, areola.root_mm),
+        np.array([areola.thicker_mm, areola.radius_mm]),
+        _cut(body.outline), COVER_MM, 0.0,
+        np.array([TISSUES[name].label for name in names], np.uint8),
+    )  # fmt: skip
+
+
+def phantom_of(
+    labels: NDArray[np.uint8],
+    lattice: Lattice,
+    body: Body,
+    settings: GenerateSettings,
+    seed: int,
+    laterality: str,
+    skin_mm: float,
+) -> BreastPhantom:
+    """Labels with what else is known of the breast; a right one is mirrored."""
+    first_y = lattice.lateral_mm[0]
+    if laterality == "R":
+        for layer in labels:
+            layer[:] = layer[::-1].copy()
+        first_y = -lattice.lateral_mm[-1]
+    nx, ny, nz = labels.shape
+    frame = VoxelFrame(
+        np.array([lattice.x_mm[0], first_y, lattice.superior_mm[0]]),
+        np.full(3, settings.voxel_mm),
+        (nx, ny, nz),
+    )
+    return BreastPhantom(
+        labels,
+        frame.spacing_mm,
+        frame.origin_mm,
+        laterality,
+        {tissue.label: tissue.name for tissue in TISSUES.values()},
+        nipple_position(labels, frame)[0],
+        open_end=_open_end(body, laterality, skin_mm),
+        source=f"generated ({settings.density_class}, seed {seed})",
+    )
+
+
+def _open_end(body: Body, laterality: str, skin_mm: float) -> OpenEnd:
+    """The cut towards the axilla, and the skin of views that hold no axilla."""
+    side = 1.0 if laterality == "L" else -1.0
+    angle = np.deg2rad(CUT_DEG)
+    out = np.array([0.0, side * np.cos(angle), np.sin(angle)])
+    frame, outline = body.frame, body.outline
+    depth = held_depth(outline, frame).astype(np.float32)
+    origin = frame.origin_mm.copy()
+    if laterality == "R":
+        depth = np.ascontiguousarray(depth[:, ::-1])
+        origin[1] = -(origin[1] + frame.spacing_mm[1] * (frame.shape[1] - 1))
+    held_frame = VoxelFrame(origin, frame.spacing_mm, frame.shape)
+    return OpenEnd(outline.axilla.cut_mm * out, out, depth, held_frame, skin_mm)
