@@ -20,9 +20,18 @@ _LIMIT_MGY = (1.0, 1.5, 2.0, 2.5, 3.0, 4.5, 6.5)
 
 
 def dose_limit_mgy(thickness_mm: float) -> float:
-    """Mean glandular dose that the European guidelines accept at a compressed thickness, mGy.
+    """Mean glandular dose that the European guidelines accept at a compressed thickness.
 
-    Outside 21 to 90 mm it is that of the nearer end.
+    Parameters
+    ----------
+    thickness_mm : float
+        Compressed thickness of the breast, mm.
+
+    Returns
+    -------
+    float
+        Acceptable level, mGy; between the tabulated thicknesses by interpolation, outside 21 to 90
+        mm that of the nearer end.
 
     Examples
     --------

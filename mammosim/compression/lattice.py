@@ -215,7 +215,19 @@ def tissue_part(
 
 
 def breast_volume_ml(breast: BreastPhantom) -> float:
-    """Volume of all tissue but muscle, mL."""
+    """Volume of all tissue but muscle.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+        Uncompressed.
+
+    Returns
+    -------
+    float
+        Voxels that hold tissue times the volume of a voxel, mL. Skin and lesions count; air and
+        muscle do not.
+    """
     layers = np.zeros(breast.labels.shape[0], np.int64)
     wanted = (np.arange(256) > 0) & ~_table(breast, "muscle")
     tissue_reach(breast.labels, wanted, layers)

@@ -86,5 +86,17 @@ def in_posture(
 
 
 def posture_caution(breast: BreastPhantom) -> str:
-    """What a user must know of the breast in a posture."""
+    """What a user must know of the breast in a posture.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+        In any posture.
+
+    Returns
+    -------
+    str
+        One or two sentences: postures are experimental, and a breast without `shaped_under` is
+        taken as free of weight.
+    """
     return EXPERIMENTAL + (FREE_OF_WEIGHT if breast.shaped_under is None else "")

@@ -37,6 +37,15 @@ def write_geometry(gantry: Gantry, path: str | PathLike[str]) -> None:
 def read_geometry(path: str | PathLike[str]) -> Gantry:
     """Read what `write_geometry` wrote.
 
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    Gantry
+        Focal spot, support, detector and view, gantry frame, mm.
+
     Raises
     ------
     InputError

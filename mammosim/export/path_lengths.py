@@ -23,6 +23,19 @@ _ARRAYS = ("tissues", "materials", "lesion_labels", "length_mm", "attenuating_mm
 def write_path_lengths(paths: PathLengths, path: str | PathLike[str]) -> None:
     """Write the path length of every channel as a NumPy archive.
 
+    Parameters
+    ----------
+    paths : PathLengths
+    path : str or path
+        Ending in ``.npz``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+
+    Notes
+    -----
     Its arrays: `tissues`, `materials`, `lesion_labels` (one entry a channel), `length_mm` and
     `attenuating_mm` ([tissue, row, column]), `pixel_mm`, `focal_spot_mm` (gantry frame), and
     `geometry`, the view, the gantry and the compression as JSON. `load_path_lengths` reads it.

@@ -124,6 +124,19 @@ def write_glandular_tiff(paths: PathLengths, path: str | PathLike[str]) -> None:
 def write_density_tiff(paths: PathLengths, path: str | PathLike[str]) -> None:
     """Write the volumetric density along each ray, per cent, 32-bit floats.
 
+    Parameters
+    ----------
+    paths : PathLengths
+    path : str or path
+        TIFF of [row, column], as the mammogram.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+
+    Notes
+    -----
     It is the length of glandular tissue over that of all tissue but muscle, skin included; NaN
     where there is none. Without compression's change of density, as a phantom's volumes are
     counted.
@@ -142,8 +155,23 @@ def write_density_tiff(paths: PathLengths, path: str | PathLike[str]) -> None:
 def write_lesion_lengths_tiff(
     paths: PathLengths, targets: Sequence[Target], path: str | PathLike[str]
 ) -> None:
-    """Write the path length in each lesion, mm, 32-bit floats, a page a lesion by rising id.
+    """Write the path length in each lesion, mm, 32-bit floats, one page per lesion by rising id.
 
+    Parameters
+    ----------
+    paths : PathLengths
+    targets : sequence of Target
+        Lesions of this view.
+    path : str or path
+        TIFF; pages are [row, column], as the mammogram.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+
+    Notes
+    -----
     A page's description is ``target_id N: name`` of `lesions.csv`.
     """
     found = lesion_channels(paths, targets)
@@ -184,8 +212,20 @@ def _write_tiff(
 
 
 def write_preview(mammogram: Mammogram, path: str | PathLike[str]) -> None:
-    """Write the picture for reading through its window as an 8-bit PNG.
+    """Write the For Presentation image through its window as an 8-bit PNG.
 
+    Parameters
+    ----------
+    mammogram : Mammogram
+    path : str or path
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+
+    Notes
+    -----
     Pictures of 4 million pixels and more are halved by the mean of 2 x 2 pixels; the pixel
     spacing is in the file (pHYs) either way.
     """

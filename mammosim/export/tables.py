@@ -43,6 +43,15 @@ def write_lesions(targets: Sequence[Target], path: str | PathLike[str]) -> None:
 def read_lesions(path: str | PathLike[str]) -> list[Target]:
     """Read what `write_lesions` wrote; an empty number is NaN.
 
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    list of Target
+        One per row, in the file's order.
+
     Raises
     ------
     InputError
@@ -99,7 +108,24 @@ def write_convergence(history: NDArray[np.void], path: str | PathLike[str]) -> N
 
 
 def write_compression(compressed: CompressedBreast, path: str | PathLike[str]) -> None:
-    """Write the scalars of a compression: plates, thickness, and the result's own measures."""
+    """Write the scalars of a compression as `compression.json`.
+
+    Parameters
+    ----------
+    compressed : CompressedBreast
+    path : str or path
+        JSON file; replaced as a whole if it is there.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+
+    Notes
+    -----
+    Plates (breast frame, mm), thickness (mm), force (N) and what the mechanical model measures of
+    its own result, such as folded cells. Fields, such as the displacement, are in other files.
+    """
     write_json(path, compression_summary(compressed))
 
 

@@ -175,6 +175,18 @@ def _write_mammogram(
 def save_mammogram(mammogram: Mammogram, folder: str | PathLike[str]) -> None:
     """Write an image that belongs to no run; see `Mammogram.save`.
 
+    Parameters
+    ----------
+    mammogram : Mammogram
+    folder : str or path
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+
+    Notes
+    -----
     Its identifiers follow from its pixels, so that the same image is the same DICOM objects.
     """
     digest = hashlib.sha256()

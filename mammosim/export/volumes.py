@@ -102,6 +102,13 @@ def write_lattice(field: DisplacementField, path: str | PathLike[str]) -> None:
 
     With the displacement it gives the whole field back (`read_displacement`).
 
+    Parameters
+    ----------
+    field : DisplacementField
+        Nodes in the compression frame.
+    path : str or path
+        The ending sets the format, as for labels.
+
     Raises
     ------
     InputError
@@ -221,6 +228,13 @@ def read_compressed_labels(
     path: str | PathLike[str], view: View
 ) -> tuple[NDArray[np.uint8], VoxelFrame]:
     """Read labels of a compressed breast back.
+
+    Parameters
+    ----------
+    path : str or path
+        A view's ``compressed.nii.gz``, in any of the formats of volumes.
+    view : View
+        Its patient rotation turns the file's axes into the compression frame's.
 
     Returns
     -------

@@ -28,7 +28,16 @@ clinical units 1.5 to 2. Between them, assumed."""
 def magnification(source_to_detector_mm: float, support_to_detector_mm: float) -> float:
     """How many times larger an object on the breast support appears on the detector.
 
-    Infinite where the focal spot is not above the support.
+    Parameters
+    ----------
+    source_to_detector_mm, support_to_detector_mm : float
+        Heights of focal spot and breast support above the detector's plane, mm.
+
+    Returns
+    -------
+    float
+        S / (S - h); infinite where the focal spot is not above the support. Tissue higher in the
+        breast is magnified more.
 
     Examples
     --------

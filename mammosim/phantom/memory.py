@@ -46,7 +46,14 @@ def available_bytes() -> int | None:
 
 
 def address_bytes() -> int | None:
-    """Limit of this process' memory (``ulimit -v`` or ``-d``), or None where there is none."""
+    """Limit of this process' memory (``ulimit -v`` or ``-d``).
+
+    Returns
+    -------
+    int or None
+        The lower of both soft limits, bytes; None where there is none, or the system has no limits.
+        Limits of a control group, as of a container, are not looked at.
+    """
     if resource is None:
         return None
     limits = [resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]

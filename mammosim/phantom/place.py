@@ -64,7 +64,17 @@ def tissue_box_mm(breast: BreastPhantom) -> NDArray[np.float64]:
 
 
 def box_text(breast: BreastPhantom) -> str:
-    """Where the breast is, in words."""
+    """Where the breast is, in words.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+
+    Returns
+    -------
+    str
+        The lowest and highest x, y and z of its tissue, breast frame, whole mm.
+    """
     low, high = tissue_box_mm(breast)
     sides = [f"{axis} {low[n]:.0f} to {high[n]:.0f}" for n, axis in enumerate("xyz")]
     return f"the breast spans {', '.join(sides)} mm"

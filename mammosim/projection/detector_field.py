@@ -120,6 +120,18 @@ def cast_shadow(
 ) -> Shadow:
     """Shadow of a compressed breast over all angles of an arc, whatever the detector's size.
 
+    Parameters
+    ----------
+    compressed : CompressedBreast
+    settings : ProjectionSettings
+        Its distances and support are used, its detector's size is not.
+    arc : TomosynthesisSettings
+
+    Returns
+    -------
+    Shadow
+        What the rays through the tissue's box cover on the detector's plane, mm.
+
     Raises
     ------
     InputError

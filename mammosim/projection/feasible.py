@@ -58,7 +58,13 @@ def check_memory(
 
 
 def installed_memory() -> float:
-    """Bytes of memory of this machine; infinite where the system does not tell."""
+    """Memory that is built into this machine.
+
+    Returns
+    -------
+    float
+        Bytes, whether in use or not; infinite where the system does not tell.
+    """
     if not hasattr(os, "sysconf"):
         return math.inf
     return float(os.sysconf("SC_PHYS_PAGES")) * float(os.sysconf("SC_PAGE_SIZE"))

@@ -212,7 +212,19 @@ def _labels(marks: Sequence[Marker], crop: Crop, side: str, bar_px: float) -> li
 
 
 def targets_of(view: View, targets: Sequence[Target]) -> list[Target]:
-    """Rows of one view."""
+    """Rows of one view.
+
+    Parameters
+    ----------
+    view : View
+    targets : sequence of Target
+        Of any views, with the view's folder (``LCC``) or its label.
+
+    Returns
+    -------
+    list of Target
+        Those of the view; a target without a laterality belongs to both sides.
+    """
     return [
         target
         for target in targets

@@ -29,7 +29,17 @@ _SETTINGS = ReportSettings(picture_rows=PICTURE_ROWS)
 
 
 def breast_html(phantom: BreastPhantom) -> str:
-    """Three sections of an uncompressed breast, and its facts."""
+    """Three sections of an uncompressed breast, and its facts, for a notebook.
+
+    Parameters
+    ----------
+    phantom : BreastPhantom
+
+    Returns
+    -------
+    str
+        HTML that stands on its own: pictures are data URIs of small JPEGs.
+    """
     sections = [
         (plane.caption, [jpeg_data_uri(grey)]) for plane, _, grey in breast_sections(phantom)
     ]
@@ -37,7 +47,17 @@ def breast_html(phantom: BreastPhantom) -> str:
 
 
 def compressed_html(compressed: CompressedBreast) -> str:
-    """Three sections before and after compression, and its facts."""
+    """Three sections before and after compression, and its facts, for a notebook.
+
+    Parameters
+    ----------
+    compressed : CompressedBreast
+
+    Returns
+    -------
+    str
+        HTML that stands on its own, notes of the compression included.
+    """
     sections = [
         (f"{plane.caption}: before, compressed", [jpeg_data_uri(grey) for grey in greys])
         for plane, _, greys in moved_sections(compressed, (0.0, 1.0))
@@ -48,7 +68,18 @@ def compressed_html(compressed: CompressedBreast) -> str:
 
 
 def mammogram_html(mammogram: Mammogram) -> str:
-    """The image, and how it was taken."""
+    """The image, and how it was taken, for a notebook.
+
+    Parameters
+    ----------
+    mammogram : Mammogram
+
+    Returns
+    -------
+    str
+        HTML that stands on its own: the For Presentation image, reduced, and a table of voltage,
+        load, dose and the like.
+    """
     picture = hang_one(mammogram, _SETTINGS)
     title = f"{mammogram.gantry.view.folder}, mammogram"
     rows = exposure_rows([mammogram])
@@ -56,7 +87,20 @@ def mammogram_html(mammogram: Mammogram) -> str:
 
 
 def study_html(views: Sequence[ReportedView], targets: Sequence[Target]) -> str:
-    """All mammograms with their lesions, each lesion's shift, and the main numbers."""
+    """All mammograms with their lesions, each lesion's shift, and the main numbers.
+
+    Parameters
+    ----------
+    views : sequence of ReportedView
+        In any order; they are hung as a reader hangs them.
+    targets : sequence of Target
+        Lesions, nipple and landmarks of all views.
+
+    Returns
+    -------
+    str
+        HTML that stands on its own.
+    """
     ordered = sorted(views, key=hanging_order)
     seen = [view.compressed.view for view in ordered]
     rows = main_rows(ordered)

@@ -27,7 +27,21 @@ _ARROWS = 16
 def plot_breast(
     phantom: BreastPhantom, through_mm: ArrayLike | None = None, axes: Any = None
 ) -> Any:
-    """Draw three sections; see `BreastPhantom.plot`."""
+    """Draw three sections; see `BreastPhantom.plot`.
+
+    Parameters
+    ----------
+    phantom : BreastPhantom
+    through_mm : array_like, (3,), optional
+        Point that the sections go through, breast frame, mm; default: the middle that the
+        report's sections have too.
+    axes : array of matplotlib axes, (3,), optional
+        Default: a new figure.
+
+    Returns
+    -------
+    ndarray of matplotlib axes, (3,)
+    """
     through = None if through_mm is None else np.asarray(through_mm, dtype=float)
     axes = _axes(axes, (1, 3), (10.0, 4.0)).ravel()
     for one, (plane, box, grey) in zip(axes, breast_sections(phantom, through), strict=True):
@@ -37,7 +51,25 @@ def plot_breast(
 
 
 def plot_compressed(compressed: CompressedBreast, what: str = "planes", axes: Any = None) -> Any:
-    """Draw a compression; see `CompressedBreast.plot`."""
+    """Draw a compression; see `CompressedBreast.plot`.
+
+    Parameters
+    ----------
+    compressed : CompressedBreast
+    what : str
+        ``planes``, ``displacement`` or ``convergence``.
+    axes : matplotlib axes, optional
+        Default: a new figure.
+
+    Returns
+    -------
+    matplotlib axes, or an array of them
+
+    Raises
+    ------
+    InputError
+        If `what` is another word.
+    """
     draw = {"planes": _planes, "displacement": _displacement, "convergence": _convergence}
     if what not in draw:
         raise InputError(f"what: found '{what}', expected one of {', '.join(draw)}")
@@ -50,7 +82,23 @@ def plot_mammogram(
     window: tuple[float, float] | None = None,
     axes: Any = None,
 ) -> Any:
-    """Draw the image and its lesions; see `Mammogram.plot`."""
+    """Draw the image and its lesions; see `Mammogram.plot`.
+
+    Parameters
+    ----------
+    mammogram : Mammogram
+    targets : sequence of Target
+        Those of other views are left out.
+    window : (float, float), optional
+        Centre and width in stored grey values; default: the image's own.
+    axes : matplotlib axes, optional
+        Default: a new figure.
+
+    Returns
+    -------
+    matplotlib axes
+        Rows and columns of the image, counted from the centre of the upper left pixel.
+    """
     axes = _axes(axes, (1, 1), (5.0, 7.0)).ravel()[0]
     centre, width = window or (mammogram.window_center, mammogram.window_width)
     axes.imshow(mammogram.for_presentation, cmap="gray", vmin=centre - 0.5 * width,
@@ -64,7 +112,26 @@ def plot_mammogram(
 
 
 def plot_study(views: Sequence[ReportedView], targets: Sequence[Target], axes: Any = None) -> Any:
-    """Draw all mammograms and their lesions; see `Study.plot`."""
+    """Draw all mammograms and their lesions; see `Study.plot`.
+
+    Parameters
+    ----------
+    views : sequence of ReportedView
+        Those without a mammogram are left out.
+    targets : sequence of Target
+        Lesions, nipple and landmarks of all views.
+    axes : array of matplotlib axes, one per mammogram, optional
+        Default: a new figure.
+
+    Returns
+    -------
+    ndarray of matplotlib axes, one per mammogram
+
+    Raises
+    ------
+    InputError
+        If no view has a mammogram.
+    """
     taken = [view.mammogram for view in views if view.mammogram is not None]
     if not taken:
         raise InputError("plot: the study has no mammogram")

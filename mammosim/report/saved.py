@@ -45,7 +45,18 @@ class SavedImage:
 
 
 def hang_saved(images: Sequence[SavedImage]) -> list[Picture]:
-    """Pictures with their marks, all at one scale."""
+    """Pictures of saved images with their marks, all at one scale.
+
+    Parameters
+    ----------
+    images : sequence of SavedImage
+
+    Returns
+    -------
+    list of Picture
+        In the order of `images`, cropped to the breast; marks and crops are in pixels of the whole
+        image, from its upper left corner.
+    """
     marks = [markers(image.targets, image.gantry) for image in images]
     return [
         framed(image.gantry, image.targets, crop, image.technique, image.uri)
@@ -54,25 +65,69 @@ def hang_saved(images: Sequence[SavedImage]) -> list[Picture]:
 
 
 def marks_svg(picture: Picture) -> str:
-    """The marks, name and scale bar of a picture as SVG elements, in the image's pixels."""
+    """The marks, name and scale bar of a picture.
+
+    Parameters
+    ----------
+    picture : Picture
+
+    Returns
+    -------
+    str
+        SVG elements without an `svg` element around them, in pixels of the whole image.
+    """
     return str(template("macros.html").module.marks(picture))  # type: ignore[attr-defined]
 
 
 def number_table_html(
     caption: str, columns: Sequence[str], rows: Sequence[tuple[str, str, Sequence[str]]]
 ) -> str:
-    """A table of quantities, one row each: label, unit, and a value per column."""
+    """A table of quantities.
+
+    Parameters
+    ----------
+    caption : str
+    columns : sequence of str
+        Headings of the values.
+    rows : sequence of (str, str, sequence of str)
+        Label, unit, and a value per column, each as it is printed.
+
+    Returns
+    -------
+    str
+        An HTML table; texts are escaped.
+    """
     table = template("macros.html").module.number_table  # type: ignore[attr-defined]
     return str(table(caption, columns, rows))
 
 
 def text_table_html(caption: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of texts; the first of each row heads it."""
+    """A table of texts.
+
+    Parameters
+    ----------
+    caption : str
+    columns : sequence of str
+        Headings, the first one's above the rows' own.
+    rows : sequence of sequence of str
+        The first text of each row heads it.
+
+    Returns
+    -------
+    str
+        An HTML table; texts are escaped.
+    """
     return str(template("macros.html").module.text_table(caption, columns, rows))  # type: ignore[attr-defined]
 
 
 def pictures_css() -> str:
-    """Style of pictures with their marks."""
+    """Style of pictures with their marks, as in the report.
+
+    Returns
+    -------
+    str
+        CSS rules, to be nested in that of the element around the pictures.
+    """
     return part("pictures.css")
 
 

@@ -29,8 +29,18 @@ def lesion_voxels(phantom: BreastPhantom) -> dict[int, NDArray[np.intp]]:
 
 
 def touching_lesions(phantom: BreastPhantom) -> tuple[str, ...]:
-    """One sentence for each pair of lesions of which a voxel of one lies beside one of the other.
+    """One sentence for each pair of lesions that touch: voxels share a face, an edge or a corner.
 
+    Parameters
+    ----------
+    phantom : BreastPhantom
+
+    Returns
+    -------
+    tuple of str
+
+    Notes
+    -----
     They keep a label, a mask and a row of the table each; what a reader of the picture would take
     for one lesion, the table has as two.
     """

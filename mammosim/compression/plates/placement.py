@@ -29,10 +29,25 @@ MAX_OF_HEIGHT = 0.8
 
 
 def population_thickness_mm(view: str, volume_ml: float) -> float:
-    """Compressed thickness of a population's breasts of a volume, mm.
+    """Compressed thickness of a population's breasts of a volume.
 
+    Parameters
+    ----------
+    view : str
+        ``CC``; any other is taken as MLO.
+    volume_ml : float
+        Volume of the breast, mL.
+
+    Returns
+    -------
+    float
+        Thickness, mm.
+
+    Notes
+    -----
     CC 0.60 V / (0.073 V + 36.01) + 0.70 cm, with a standard deviation of 9 %; MLO (also taken for
-    ML) 0.66 V / (0.064 V + 74.53) + 1.58 cm; V in cm3 (M-PACT). It says nothing of one breast.
+    ML) 0.66 V / (0.064 V + 74.53) + 1.58 cm; V in cm3 (M-PACT). It says nothing of one breast:
+    stiffness, age and the force that a woman bears are not in it.
 
     Examples
     --------
@@ -74,7 +89,22 @@ def held_tissue(
 def plate_edge_mm(
     settings: CompressionSettings, reach: PosteriorLimits, muscle_fixed: bool
 ) -> float:
-    """Breast-frame x of the plates' edge, mm."""
+    """Where the plates end towards the chest wall.
+
+    Parameters
+    ----------
+    settings : CompressionSettings
+        Its `plate_edge_mm` is used where it is given.
+    reach : PosteriorLimits
+        How far chest wall and muscle reach to the front, breast frame, mm.
+    muscle_fixed : bool
+        Whether the muscle is held as the chest wall is; the plates then stop in front of it.
+
+    Returns
+    -------
+    float
+        Breast-frame x of the edge, mm; by default `EDGE_BEFORE_WALL_MM` in front of what is held.
+    """
     if settings.plate_edge_mm is not None:
         return settings.plate_edge_mm
     front = max(reach.chest_wall_mm, reach.muscle_mm) if muscle_fixed else reach.chest_wall_mm

@@ -42,7 +42,24 @@ def read_shape(path: str | Path, voxel_mm: float | None = None) -> LesionShape:
 
 
 def shape_files(path: str | Path) -> tuple[Path, ...]:
-    """All files that a lesion's file consists of."""
+    """All files that a lesion's file consists of.
+
+    Parameters
+    ----------
+    path : str or Path
+        A mask of voxels or a closed surface.
+
+    Returns
+    -------
+    tuple of Path
+        The file itself; for a format with header and data apart, such as MetaImage, both; for a
+        folder of slices, all of them.
+
+    Raises
+    ------
+    InputError
+        If a mask's header cannot be read.
+    """
     path = Path(path)
     if path.name.lower().endswith((*MESH_ENDINGS, *OTHER_MESH_ENDINGS, *HDF5_ENDINGS)):
         return (path,)

@@ -41,7 +41,19 @@ def is_finished(path: Path, config: RunConfig) -> bool:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """What a folder's `run.json` says; empty where there is none that can be read."""
+    """What a folder's `run.json` says.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of a run.
+
+    Returns
+    -------
+    dict
+        The record by its keys (docs/reference/outputs.md); empty where there is none that can be
+        read. Its values are not checked.
+    """
     try:
         record = json.loads(read_text(path / "run.json"))
     except (OSError, ValueError, RecursionError):
@@ -58,7 +70,18 @@ def _is_unharmed(folder: Path, name: str, wanted: Any) -> bool:
 
 
 def title_of(path: Path) -> str:
-    """What a run of this configuration is called: as before, if it is a run's record."""
+    """What a run of this configuration is called.
+
+    Parameters
+    ----------
+    path : Path
+        Configuration file, or the `run.json` of an earlier run.
+
+    Returns
+    -------
+    str
+        The file's name without its ending; of a `run.json`, the title of the run it records.
+    """
     if path.suffix == ".json":
         title = read_record(path.parent).get("title") if path.name == "run.json" else None
         return folder_name(title, path.stem)

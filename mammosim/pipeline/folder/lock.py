@@ -84,7 +84,18 @@ def _remove_traces(folder: Path, new: Sequence[Path]) -> None:
 
 
 def is_being_written(folder: Path) -> bool:
-    """Whether another process holds the folder."""
+    """Whether another process holds the folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of a run or cohort.
+
+    Returns
+    -------
+    bool
+        False also where there is no folder, or no lock that this user may open.
+    """
     try:
         handle = os.open(folder / LOCK_NAME, os.O_RDWR)
     except OSError:

@@ -12,7 +12,27 @@ from mammosim.pipeline.study import Study
 
 
 def save_study(study: Study, folder: str | PathLike[str], overwrite: bool = False) -> None:
-    """Write a study; see `Study.save`."""
+    """Write a study as a run's folder; see `Study.save`.
+
+    Parameters
+    ----------
+    study : Study
+        With the configuration that it was made by.
+    folder : str or path
+        Made if it is not there.
+    overwrite : bool
+        Whether a folder that holds something may be written into.
+
+    Raises
+    ------
+    InputError
+        If the study has no configuration, the folder is not empty, another process writes into it,
+        or a file cannot be written.
+
+    Notes
+    -----
+    The files are those of `mammosim run`; nothing is computed again.
+    """
     path = Path(folder)
     if study.config is None:
         raise InputError("save: the study has no configuration; simulate() gives it one")
