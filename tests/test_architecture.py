@@ -142,3 +142,52 @@ def test_only_the_command_line_speaks_of_options(name):
         for found in OPTION.findall(node.value)
     ]
     assert said == []
+
+
+EXACT = re.compile(r"_?[A-Z0-9]+_PER_[A-Z0-9]+")
+"""Names of conversions between units, which need no word."""
+
+
+def numbers(name: str) -> list[tuple[ast.Assign | ast.AnnAssign, int]]:
+    """Assignments of numbers to constants of a module, and their places among its statements."""
+    found = []
+    for place, node in enumerate(tree(name).body):
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+            continue
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        names = [each.id for one in targets for each in ast.walk(one) if isinstance(each, ast.Name)]
+        has_number = any(
+            isinstance(each, ast.Constant) and type(each.value) in (int, float)
+            for each in ast.walk(node.value)
+        )
+        value = ast.unparse(node.value)
+        # Masks of bits; records, such as a kind of lesions, whose fields describe themselves.
+        plain = "np.uint64(" in value or "__name__" in value or re.match("[A-Z][a-z]", value)
+        plain = plain or all(map(EXACT.fullmatch, names))
+        if has_number and not plain and all(each.lstrip("_").isupper() for each in names):
+            found.append((node, place))
+    return found
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_every_number_has_a_word_about_it(name):
+    """A docstring below its group of lines, or a comment above or beside it."""
+    body, lines = tree(name).body, MODULES[name].read_text(encoding="utf-8").splitlines()
+    silent = []
+    for node, place in numbers(name):
+        last = place
+        while (
+            last + 1 < len(body)
+            and isinstance(body[last + 1], ast.Assign | ast.AnnAssign)
+            and body[last + 1].lineno == body[last].end_lineno + 1
+        ):
+            last += 1
+        below = body[last + 1] if last + 1 < len(body) else None
+        described = isinstance(below, ast.Expr) and below.lineno == body[last].end_lineno + 1
+        first = node.lineno - 1
+        while first > 0 and re.match(r"#|_?[A-Z]", lines[first - 1]):
+            first -= 1
+        beside = "".join(lines[first : node.end_lineno]).replace("# fmt: skip", "")
+        if not described and "#" not in beside:
+            silent.append(lines[node.lineno - 1])
+    assert silent == []

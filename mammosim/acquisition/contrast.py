@@ -29,6 +29,7 @@ GLAND_SHARES = (0.0, 0.5)
 (Yaffe et al. 2009, Med Phys 36:5437: 95 per cent of breasts below 45 per cent)."""
 
 IODINE = Material("iodine", 4.93, {"I": 1.0}, "element")
+"""Solid iodine; only its attenuation per mass is used, so that the density does not matter."""
 
 TEST_MG_CM2 = 1.0
 """Iodine by which the sensitivity is found, as in test phantoms of 1 mg/cm2."""

@@ -12,6 +12,7 @@ from ruamel.yaml import YAML
 from scipy.interpolate import RegularGridInterpolator
 
 UNKNOWN_SPECTRUM_S = 1.0
+"""Dance's factor s of a beam that is not tabulated; the tabulated ones are 1 to 1.061."""
 
 # Acceptable mean glandular dose, mGy, over the thickness of the equivalent breast, mm (European
 # guidelines for quality assurance in breast cancer screening and diagnosis, 4th edition, 2006).

@@ -22,6 +22,8 @@ LEVELS_DEPTH_MM = 8.0
 """The levels of fat and gland are taken deeper than this."""
 
 FAT_QUANTILE, GLAND_QUANTILE = 0.05, 0.99
+"""Quantiles of the inner breast at which fat and gland are taken: not the extremes, which noise and
+calcifications set. Assumed."""
 
 DARK_SHARE, MAX_DARK = 0.6, 0.30
 """Where the darkest part of a dense breast still holds gland, its level lies this share of the way

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 BAD_INPUT, UNCONVERGED, INTERRUPTED = 2, 3, 130
+"""Exit statuses: 2 as of wrong usage in other programs, 130 as of Ctrl-C in a shell, 3 our own."""
 
 STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
 """Unicode's categories of control and formatting characters, surrogates and line ends."""

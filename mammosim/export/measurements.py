@@ -36,6 +36,7 @@ _BREAST = Code("76752008", "SCT", "Breast")
 _SIDE = {"L": Code("7771000", "SCT", "Left"), "R": Code("24028007", "SCT", "Right")}
 
 _REFERENCED_SOP_SEQUENCE = 0x00081199
+"""Tag of DICOM's Referenced SOP Sequence (PS3.6)."""
 
 
 def write_measurements(

@@ -31,6 +31,8 @@ BITS = 12
 """Bits of a pixel."""
 
 LARGEST = (1 << BITS) - 1
+"""Largest value of a pixel."""
+
 IMAGE_TYPE = ["DERIVED", "PRIMARY", "TOMOSYNTHESIS", "NONE"]
 
 _METHODS = {

@@ -32,6 +32,7 @@ LPS_FROM_BREAST: NDArray[np.float64] = np.array(
 """(3, 3) rotation from breast-frame vectors to LPS."""
 
 _BYTES_AT_ONCE = 1 << 24
+"""Voxels are written in pieces of this size, so that no second copy is in memory."""
 
 GZIP_LEVEL = 1
 """Of NIfTI files. Labels of 28 MB take 0.12 s and 3.1 MB with it, 0.57 s and 2.4 MB with 6."""

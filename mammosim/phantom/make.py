@@ -20,6 +20,7 @@ from mammosim.phantom.settings import LandmarkSettings, PhantomSettings
 from mammosim.tissues import LABEL_MAPS
 
 _LESION_STREAM = 0x1E510
+"""Any number: keeps the random numbers of lesions apart from those of the anatomy."""
 
 
 def make_phantom(

@@ -19,6 +19,7 @@ from mammosim.projection._grid_kernels import (
 from mammosim.projection._label_kernels import Labels, Words
 
 _SKIN = 1e-6
+"""Part of a voxel by which the array is taken smaller on each side, against rounding."""
 _NO_BIT, _ONE = np.uint64(0), np.uint64(1)
 _EACH_BYTE, _HIGHEST_OF_BYTES = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
 

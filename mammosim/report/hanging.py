@@ -18,7 +18,7 @@ from mammosim.report.settings import ReportSettings
 from mammosim.targets import Target
 
 _VIEW_ORDER = ("CC", "MLO", "ML")
-_BAR_MM = 20.0
+_BAR_MM = 20.0  # scale bar, at the breast support
 _FONTS = 36.0  # sizes of the numbers' font in the height of a picture
 _SMALL = 0.75  # of that size: the nipple's letter
 _NAME_FONTS, _BAR_FONTS = (7.0, 2.2), 2.6  # room for the view's name, and height of the scale bar's

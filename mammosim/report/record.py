@@ -34,6 +34,7 @@ NOT_HASHED = ("run.json", "report.html")
 """Files of a run's folder that tell of the others, and hold times."""
 
 _BYTES_AT_ONCE = 1 << 20
+"""Bytes of a file that are hashed at a time."""
 
 
 def run_hash(

@@ -21,6 +21,7 @@ FIELD_MM = 3.0
 """Smallest spacing of the displacement field that places a section's pixels between nodes."""
 
 MARGIN_MM = 6.0
+"""Air around the breast in a section, mm, for the eye."""
 
 _BRIGHTNESS = {"adipose": 0.32, "skin": 0.85, "muscle": 0.6, "ligament": 0.65}
 _GLAND, _LESION = 0.75, 1.0

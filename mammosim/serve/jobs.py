@@ -15,6 +15,7 @@ from typing import Any, Literal
 Command = Callable[[Path, Path], Sequence[str]]
 Status = Literal["waiting", "running", "done", "not converged", "interrupted", "refused", "failed"]
 
+# as `mammosim run` ends
 _STATUS_OF_EXIT: dict[int, Status] = {
     0: "done", 2: "refused", 3: "not converged", 130: "interrupted",
 }  # fmt: skip

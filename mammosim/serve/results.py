@@ -26,6 +26,7 @@ MAX_ROWS = 3000
 
 _PICTURE = "for_presentation.png"
 _BLOCK_BYTES = 1 << 20
+"""Bytes of a file that are put into an archive at a time."""
 
 
 def runs_in(folder: Path) -> list[Path]:

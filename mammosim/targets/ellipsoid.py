@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import fdtri
 
 LEVEL = 0.95
+"""Probability inside an ellipsoid: the level that is customary for confidence regions."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,8 @@ EMITTED, DETECTED, ESCAPED, DEPOSITED = 0, 1, 2, 3
 
 _LARGEST_UNIFORM_DEPTH = 12.0
 _SMALL_DEPTH = 0.3
+"""Down to the first depth collisions are spread evenly, deeper as photons attenuate; below the
+second, 1 - exp is a Taylor series. They change noise and time, and the mean by at most 1e-6."""
 
 
 class Space(NamedTuple):

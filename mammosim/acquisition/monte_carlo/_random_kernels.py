@@ -17,6 +17,7 @@ _WEYL_0, _WEYL_1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 _LOW, _HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
 _TO_UNIT = 1.0 / 4294967296.0
 _ROUNDS = 10
+"""Multipliers, Weyl constants and rounds of Philox 4x32-10 (Salmon et al. 2011)."""
 
 
 class Stream(NamedTuple):

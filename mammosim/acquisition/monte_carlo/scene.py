@@ -28,6 +28,7 @@ MAX_MIXTURES = 60_000
 """Mixtures that 16 bits can number, with some to spare. Materials in quarters of a voxel, to which
 shares are rounded beyond, make at most 2 x 3 876 (15 materials and air, in the beam or not)."""
 _TABLE_BITS = 17
+"""Places of the hash table of mixtures, as a power of two: at most half of them are taken."""
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ TRANSFER_GRID = np.concatenate(
     ([0.0], np.geomspace(1e-3, 15.0, 400))
 )  # sin(theta / 2) / wavelength
 LOWEST_TABULATED_KEV, HIGHEST_TABULATED_KEV = 1.0, 150.0
+"""Energies for which tables are made, keV: beams of mammography lie well within."""
 HALF_ANGLES = np.linspace(0.0, 1.0, 257)  # sin(theta / 2)
 
 

@@ -33,6 +33,7 @@ MARGIN_MM = 12.0
 """How far beyond the detector scatter is scored, mm, so that smoothing needs no edge."""
 
 _RESPONSE_COSINES = 64
+"""Angles at which the detector's response is tabulated; between them it is interpolated."""
 _MIN_DEPTH = 1e-3  # optical depth that decides how often a flight collides where no tissue is
 _BREAST_ENERGY_SHARE = 0.6  # photons drawn as they come through the breast; others as they come in
 

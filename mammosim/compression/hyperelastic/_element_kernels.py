@@ -30,6 +30,7 @@ from mammosim.compression.hyperelastic.laws._law_kernels import law_stress
 
 CENTRE_VOLUME = 2.0 / 3.0
 CORNER_VOLUME = 1.0 / 24.0
+"""Parts of an element's volume that its centre and each of its eight corners stand for."""
 
 TILE = 64
 """Elements of a row that are worked on together, from buffers that stay in the nearest cache."""

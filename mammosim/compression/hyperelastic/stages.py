@@ -52,6 +52,7 @@ INCREMENT = 0.06
 """Part of the breast's height by which the plates close at a time, at first."""
 
 SMALLEST_INCREMENT = INCREMENT / 32.0
+"""Five halvings of the first; a step that fails even then is taken as not converging."""
 
 HISTORY = np.dtype(
     [

@@ -16,6 +16,7 @@ SKIN_DEPTH, MUSCLE_DEPTH, POTENTIAL, SEPTUM, SKIN_MM, NET, FIBRE = (
 """Channels of the coarse fields; NET and FIBRE take three each."""
 
 CHANNELS = 11
+"""Number of all of these."""
 
 SUB_STEPS = 4
 """Steps of a block's sub-grid: 0.5 mm, against a finest noise of 1.6 mm."""

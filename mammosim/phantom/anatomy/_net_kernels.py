@@ -23,6 +23,7 @@ X, Y, Z, WEIGHT, FATNESS, TAG = 0, 1, 2, 3, 4, 5
 is no cell), how strongly a fat lobule pushes gland aside, and a number by which walls differ."""
 
 ABSENT = -5.0
+"""Far below all weights that cells have."""
 
 MAX_HOLDERS = 24
 """Most cells that hold some place of one block."""

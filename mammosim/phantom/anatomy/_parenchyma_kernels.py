@@ -38,6 +38,7 @@ from mammosim.phantom.anatomy._noise_kernels import gradient_noise, lattice_hash
 from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut
 
 NOT_COUNTED, UNDECIDED, TUBE, VESSEL, IN_MUSCLE = 0, 1, 2, 3, 4
+"""What a voxel is before the threshold between gland and fat is known."""
 
 SUB_CELL = 0.32
 """Half diagonal of a cell of the sub-grid against that of its block: a quarter, and more where

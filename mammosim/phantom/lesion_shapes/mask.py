@@ -22,6 +22,7 @@ POINTS_PER_VOXEL = 4
 """Points along each edge of a voxel of the breast, at least, that stand for the mask."""
 
 POINTS_AT_ONCE = 1 << 20
+"""Points that are looked up together, to bound memory."""
 
 
 def read_mask(path: Path, voxel_mm: float | None = None) -> LesionShape:

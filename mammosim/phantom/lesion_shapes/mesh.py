@@ -33,6 +33,7 @@ LINE_SHIFT = (0.0314159, 0.0271828)
 of a mesh whose vertices have round coordinates, where it might count twice."""
 
 CANDIDATES_AT_ONCE = 1 << 20
+"""Voxels that are tested together, to bound memory."""
 
 DAMAGE = (
     ValueError, TypeError, IndexError, KeyError, AttributeError, OSError, EOFError,

@@ -17,6 +17,7 @@ GZIP_MAGIC, ZLIB_FIRST_BYTE = b"\x1f\x8b", b"\x78"
 """First bytes of each (RFC 1952; RFC 1950 with the usual window of 32 kB)."""
 
 CHUNK_BYTES = 1 << 16
+"""Compressed bytes that are read at a time."""
 
 GZIP_OR_ZLIB = 47
 """zlib's window bits for "largest window, either header" (zlib manual, inflateInit2)."""

@@ -29,6 +29,7 @@ from mammosim.tissues import LABEL_MAPS
 
 INFO_FILE = "breastInfo.txt"
 VOXEL_MM = 0.5
+"""Edge of a voxel, by the repository's manual (see above)."""
 
 MAX_INFO_BYTES = 100_000
 """Of `breastInfo.txt`, which has five lines."""
@@ -37,6 +38,7 @@ MIN_BYTES_PER_VALUE = 2
 """A digit and the end of its line."""
 
 BLOCK_BYTES = 1 << 24
+"""Bytes of text that are read at a time."""
 
 
 def open_uwcem(path: Path) -> VoxelFile:

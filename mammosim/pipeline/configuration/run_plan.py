@@ -68,6 +68,8 @@ START_S = 5.0
 
 SECONDS_PER_VOXEL = {"file": 4e-8, "generate": 4e-7}
 SECONDS_PER_PIXEL = 2.5e-6
+"""Time for a phantom's voxels, and for tracing and exposing a pixel, s: rough, for the estimate of
+`check` only."""
 
 POSTURE_SHARE, UNLOADING_SHARE = 0.15, 0.5
 """Time of a posture's equilibrium, and of the search for the shape without weight, over that of a

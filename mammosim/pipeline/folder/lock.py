@@ -26,6 +26,7 @@ LOCK_NAME = ".lock"
 """Of the file in the folder that is locked; it holds the writer's host and process."""
 
 _POLL_S = 0.2
+"""Interval at which a folder that is held is tried again, s."""
 
 
 @contextmanager

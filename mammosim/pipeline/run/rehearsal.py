@@ -29,6 +29,7 @@ SEMI_AXES_MM = (42.0, 48.0, 42.0)
 """Of the small breast: large enough for plates, a picture and scatter."""
 
 VOXEL_MM, ELEMENT_MM, PIXEL_MM = 2.0, 7.0, 1.0
+"""Its voxels, elements and pixels: coarse, since only the compiled code is wanted."""
 
 MIN_PHOTONS = 10_000
 """The fewest that a configuration may ask for."""

@@ -18,6 +18,7 @@ BRIGHT_PART = 0.6
 """What is above this part of the range is bright."""
 
 _MIN_PROFILES = 20
+"""Fewer profiles give no measure. Assumed."""
 
 
 def grey_levels(region: Region, inner: Mask) -> dict[str, float]:

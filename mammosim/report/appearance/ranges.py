@@ -30,6 +30,7 @@ class Measure(NamedTuple):
     mlo: tuple[float, float] | None
 
 
+# Ranges of real mammograms; see above.
 MEASURES = {
     "depth_over_length": Measure(
         "Chest wall to nipple over length along the wall", "", (0.3338, 0.5209), (0.29, 0.56)
