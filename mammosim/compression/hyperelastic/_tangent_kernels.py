@@ -18,7 +18,6 @@ from mammosim._jit import (
 from mammosim.compression.hyperelastic._element_kernels import (
     CENTRE_VOLUME,
     CORNER_VOLUME,
-    TILE,
     cross,
     determinant,
     pack,
@@ -31,8 +30,11 @@ from mammosim.compression.hyperelastic.laws._law_kernels import law_curvature
 X, Y, Z = np.intp(0), np.intp(3), np.intp(6)
 """First of the three rows of a vector along each edge."""
 
-XX, XY, XZ, YY, YZ, ZZ = (np.intp(first) for first in range(0, 54, 9))
+XX, XY, XZ, YX, YY, YZ, ZX, ZY, ZZ = (np.intp(first) for first in range(0, 81, 9))
 """First of the nine rows of each block of a point's second derivative."""
+
+STRIDE = 48
+"""Elements of a row that are worked on together, and the distance of rows in a tile's buffers."""
 
 
 @contracting_kernel
@@ -43,24 +45,30 @@ def _corner_edges(columns, a, b, c, count, edges):
     for d in range(3):
         for k in range(np.uint64(0), np.uint64(count)):
             p = k + layer
-            edges[d, k] = columns[6 + low_x + d, p] - columns[low_x + d, p]
-            edges[3 + d, k] = columns[3 + low_y + d, p] - columns[low_y + d, p]
-            edges[6 + d, k] = columns[low_z + d, k + above] - columns[low_z + d, k]
+            edges[_at(d, k)] = columns[6 + low_x + d, p] - columns[low_x + d, p]
+            edges[_at(3 + d, k)] = columns[3 + low_y + d, p] - columns[low_y + d, p]
+            edges[_at(6 + d, k)] = columns[low_z + d, k + above] - columns[low_z + d, k]
         for k in range(np.uint64(0), np.uint64(count)):
-            edges[d, k] += one if d == 0 else zero
-            edges[3 + d, k] += one if d == 1 else zero
-            edges[6 + d, k] += one if d == 2 else zero
+            edges[_at(d, k)] += one if d == 0 else zero
+            edges[_at(3 + d, k)] += one if d == 1 else zero
+            edges[_at(6 + d, k)] += one if d == 2 else zero
+
+
+@inlined_kernel
+def _at(row, k):
+    """Place of element k in a row of a flat buffer; the compiler knows how far rows are apart."""
+    return np.uint64(row * STRIDE) + k
 
 
 @inlined_kernel
 def _vector(rows, first, k):
-    return rows[first, k], rows[first + 1, k], rows[first + 2, k]
+    return rows[_at(first, k)], rows[_at(first + 1, k)], rows[_at(first + 2, k)]
 
 
 @contracting_kernel
 def _add_volume(edges, weight, count, signs, volume, gradient):
     """Add a point's part of the volume, and of its derivative by node n, ``gradient[3 n + d]``."""
-    cofactors = np.empty((9, TILE), np.float32)
+    cofactors = np.empty(9 * STRIDE, np.float32)
     for k in range(np.uint64(0), np.uint64(count)):
         x, y, z = _vector(edges, X, k), _vector(edges, Y, k), _vector(edges, Z, k)
         volume[k] += weight * determinant(x, y, z)
@@ -72,16 +80,16 @@ def _add_volume(edges, weight, count, signs, volume, gradient):
             if signs[node, i] != 0.0:
                 factor = np.float32(weight * signs[node, i])
                 for d in range(3):
-                    target, source = gradient[3 * node + d], cofactors[3 * i + d]
+                    target, row = gradient[3 * node + d], np.uint64((3 * i + d) * STRIDE)
                     for k in range(np.uint64(0), np.uint64(count)):
-                        target[k] += factor * source[k]
+                        target[k] += factor * cofactors[row + k]
 
 
 @inlined_kernel
 def _store(rows, first, k, a):
-    rows[first, k] = a[0]
-    rows[first + 1, k] = a[1]
-    rows[first + 2, k] = a[2]
+    rows[_at(first, k)] = a[0]
+    rows[_at(first + 1, k)] = a[1]
+    rows[_at(first + 2, k)] = a[2]
 
 
 @inlined_kernel
@@ -89,37 +97,37 @@ def _block(out, first, k, a, b, d, c_i, c_j, f_i, f_j):
     """``a C_i C_j^T - b (C_i F_j^T + F_i C_j^T) + d F_i F_j^T`` (d may be None)."""
     left = (a * c_i[0] - b * f_i[0], a * c_i[1] - b * f_i[1], a * c_i[2] - b * f_i[2])
     right = (b * c_i[0], b * c_i[1], b * c_i[2])
-    out[first, k] = left[0] * c_j[0] - right[0] * f_j[0]
-    out[first + 1, k] = left[0] * c_j[1] - right[0] * f_j[1]
-    out[first + 2, k] = left[0] * c_j[2] - right[0] * f_j[2]
-    out[first + 3, k] = left[1] * c_j[0] - right[1] * f_j[0]
-    out[first + 4, k] = left[1] * c_j[1] - right[1] * f_j[1]
-    out[first + 5, k] = left[1] * c_j[2] - right[1] * f_j[2]
-    out[first + 6, k] = left[2] * c_j[0] - right[2] * f_j[0]
-    out[first + 7, k] = left[2] * c_j[1] - right[2] * f_j[1]
-    out[first + 8, k] = left[2] * c_j[2] - right[2] * f_j[2]
+    out[_at(first, k)] = left[0] * c_j[0] - right[0] * f_j[0]
+    out[_at(first + 1, k)] = left[0] * c_j[1] - right[0] * f_j[1]
+    out[_at(first + 2, k)] = left[0] * c_j[2] - right[0] * f_j[2]
+    out[_at(first + 3, k)] = left[1] * c_j[0] - right[1] * f_j[0]
+    out[_at(first + 4, k)] = left[1] * c_j[1] - right[1] * f_j[1]
+    out[_at(first + 5, k)] = left[1] * c_j[2] - right[1] * f_j[2]
+    out[_at(first + 6, k)] = left[2] * c_j[0] - right[2] * f_j[0]
+    out[_at(first + 7, k)] = left[2] * c_j[1] - right[2] * f_j[1]
+    out[_at(first + 8, k)] = left[2] * c_j[2] - right[2] * f_j[2]
     if d is not None:
         for r in range(3):
             for c in range(3):
-                out[first + 3 * r + c, k] += d * f_i[r] * f_j[c]
+                out[_at(first + 3 * r + c, k)] += d * f_i[r] * f_j[c]
 
 
 @inlined_kernel
 def _add_skew(out, first, k, f):
     """Add the matrix of the cross product with f, nine rows of `out`."""
-    out[first + 1, k] -= f[2]
-    out[first + 2, k] += f[1]
-    out[first + 3, k] += f[2]
-    out[first + 5, k] -= f[0]
-    out[first + 6, k] -= f[1]
-    out[first + 7, k] += f[0]
+    out[_at(first + 1, k)] -= f[2]
+    out[_at(first + 2, k)] += f[1]
+    out[_at(first + 3, k)] += f[2]
+    out[_at(first + 5, k)] -= f[0]
+    out[_at(first + 6, k)] -= f[1]
+    out[_at(first + 7, k)] += f[0]
 
 
 @inlined_kernel
 def _add_diagonal(out, first, k, value):
-    out[first, k] += value
-    out[first + 4, k] += value
-    out[first + 8, k] += value
+    out[_at(first, k)] += value
+    out[_at(first + 4, k)] += value
+    out[_at(first + 8, k)] += value
 
 
 @contracting_kernel
@@ -154,59 +162,72 @@ def _point_hessian(edges, law, shear, pressure, weight, volume_weight, rule, geo
 
 
 @merged_kernel
-def _node_rows(hessian, signs, node, entries, count, out):
-    """``out[9 j + 3 r + c] = sum_i signs[node, i] H_ij[r, c]``, half of B^T H B for a node."""
-    out[:, :count] = np.float32(0.0)
-    for i in range(3):
-        sign = np.float32(signs[node, i])
-        if sign == 0.0:
-            continue
-        for j in range(3):
-            low, high = min(i, j), max(i, j)
-            first = 9 * (3 * low - (low * (low - 1)) // 2 + high - low)
-            for entry in range(entries):
-                source = hessian[first + (entry if i <= j else 3 * (entry % 3) + entry // 3)]
-                target = out[9 * j + entry]
-                for k in range(np.uint64(0), np.uint64(count)):
-                    target[k] += sign * source[k]
+def _fill_transposed(rows, source, target, count):
+    """The block at `target` is the transpose of that at `source`."""
+    for r in range(3):
+        for c in range(3):
+            for k in range(np.uint64(0), np.uint64(count)):
+                rows[_at(target + 3 * r + c, k)] = rows[_at(source + 3 * c + r, k)]
+
+
+@merged_kernel
+def _add_rows(factor, source, first, target, start, size):
+    """``target[start:] += factor source[first:]``, `size` numbers; both are flat."""
+    a, b = np.uint64(first), np.uint64(start)
+    for k in range(np.uint64(0), np.uint64(size)):
+        target[b + k] += factor * source[a + k]
 
 
 @contracting_kernel
-def _add_pairs(hessian, signs, count, i, j, first, stencil):
-    """Add B^T H B of one point to the stencils of the element's nodes."""
-    half, entries = np.empty((27, TILE), np.float32), stencil.shape[2] // 14
+def _add_pairs(hessian, signs, size, half, matrix):
+    """Add B^T H B of one point to the matrix of the element, all flat.
+
+    ``hessian[3 i + j]``, ``half[j]`` and ``matrix[pair]`` are blocks of `size` numbers; pairs of
+    nodes are counted as in `_flush`.
+    """
+    pair = 0
     for node in range(8):
         if signs[node, 0] == 0.0 and signs[node, 1] == 0.0 and signs[node, 2] == 0.0:
+            pair += 8 - node
             continue
-        _node_rows(hessian, signs, node, entries, count, half)
-        shift = np.uint64(first + node % 2)
+        for k in range(np.uint64(0), np.uint64(3 * size)):
+            half[k] = np.float32(0.0)
+        for i in range(3):
+            if signs[node, i] != 0.0:
+                _add_rows(np.float32(signs[node, i]), hessian, 3 * i * size, half, 0, 3 * size)
         for other in range(node, 8):
-            sx = np.float32(signs[other, 0])
-            sy = np.float32(signs[other, 1])
-            sz = np.float32(signs[other, 2])
-            if sx == 0.0 and sy == 0.0 and sz == 0.0:
+            start = np.uint64(pair * size)
+            pair += 1
+            if signs[other, 0] != 0.0 and signs[other, 1] != 0.0 and signs[other, 2] != 0.0:
+                sx, sy = np.float32(signs[other, 0]), np.float32(signs[other, 1])
+                sz, y, z = np.float32(signs[other, 2]), np.uint64(size), np.uint64(2 * size)
+                for k in range(np.uint64(0), np.uint64(size)):
+                    matrix[start + k] += sx * half[k] + sy * half[y + k] + sz * half[z + k]
                 continue
-            offset = _offset(node, other)
-            rows = stencil[i + node // 4, j + (node // 2) % 2]
-            for entry in range(entries):
-                target = rows[9 * offset + entry]
-                px, py, pz = half[entry], half[9 + entry], half[18 + entry]
-                for k in range(np.uint64(0), np.uint64(count)):
-                    target[k + shift] += sx * px[k] + sy * py[k] + sz * pz[k]
+            for j in range(3):
+                if signs[other, j] != 0.0:
+                    _add_rows(np.float32(signs[other, j]), half, j * size, matrix, start, size)
 
 
 @contracting_kernel
-def _add_volume_pairs(gradient, bulk, count, i, j, first, stencil):
-    """Add kappa g g^T, g being the derivative of the elements' volume by their nodes."""
+def _flush(matrix, gradient, bulk, count, i, j, first, stencil):
+    """Add elements' matrices and kappa g g^T to the stencils of their nodes.
+
+    `matrix` is [pair, entry, element], pairs of nodes in the order (0, 0), (0, 1) .. (7, 7); g is
+    the derivative of the elements' volume by their nodes.
+    """
+    pair = 0
     for node in range(8):
         shift = np.uint64(first + node % 2)
+        rows = stencil[i + node // 4, j + (node // 2) % 2]
         for other in range(node, 8):
-            rows = stencil[i + node // 4, j + (node // 2) % 2]
+            offset = 9 * _offset(node, other)
             for entry in range(stencil.shape[2] // 14):
-                target = rows[9 * _offset(node, other) + entry]
+                target, own = rows[offset + entry], matrix[pair, entry]
                 left, right = gradient[3 * node + entry // 3], gradient[3 * other + entry % 3]
                 for k in range(np.uint64(0), np.uint64(count)):
-                    target[k + shift] += bulk[k] * left[k] * right[k]
+                    target[k + shift] += own[k] + bulk[k] * left[k] * right[k]
+            pair += 1
 
 
 @contracting_kernel
@@ -248,32 +269,31 @@ def _point_edges(columns, point, count, signs, edges, corner):
         _corner_edges(columns, a, b, c, count, edges)
         return
     _centre_signs(signs)
-    edges[:, :count] = np.float32(0.0)
+    for k in range(np.uint64(0), np.uint64(edges.size)):
+        edges[k] = np.float32(0.0)
     quarter = np.float32(0.125)
     for other in range(8):
         _corner_edges(columns, other // 4, (other // 2) % 2, other % 2, count, corner)
-        for row in range(9):
-            target, source = edges[row], corner[row]
-            for k in range(np.uint64(0), np.uint64(count)):
-                target[k] += quarter * source[k]
+        for k in range(np.uint64(0), np.uint64(edges.size)):
+            edges[k] += quarter * corner[k]
 
 
 @merged_kernel
 def _tile_tangent(columns, shear, bulk, rule, law, geometric, i, j, first, count, stencil):
     """Assemble one tile of elements."""
-    edges, corner = np.empty((9, TILE), np.float32), np.empty((9, TILE), np.float32)
-    hessian, gradient = np.empty((54, TILE), np.float32), np.zeros((24, TILE), np.float32)
-    volume, pressure = np.zeros(TILE, np.float32), np.empty(TILE, np.float32)
+    edges, corner = np.zeros(9 * STRIDE, np.float32), np.zeros(9 * STRIDE, np.float32)
+    hessian, gradient = np.zeros(81 * STRIDE, np.float32), np.zeros((24, STRIDE), np.float32)
+    matrix, half = np.zeros((36, 9, STRIDE), np.float32), np.empty(27 * STRIDE, np.float32)
+    volume, pressure = np.zeros(STRIDE, np.float32), np.empty(STRIDE, np.float32)
     signs, corner_weight = np.empty((8, 3)), rule.corner_weight
     for point in range(9):
         part = CENTRE_VOLUME if point == 8 else CORNER_VOLUME
         _point_edges(columns, point, count, signs, edges, corner)
         _add_volume(edges, np.float32(part), count, signs, volume, gradient)
-    mean_bulk = np.empty(TILE, np.float32)
+    mean_bulk = np.empty(STRIDE, np.float32)
     for k in range(count):
         mean_bulk[k] = bulk[k] - np.float32(rule.local_part) * shear[k]
         pressure[k] = mean_bulk[k] * (volume[k] - np.float32(1.0))
-    _add_volume_pairs(gradient, mean_bulk, count, i, j, first, stencil)
     for point in range(9):
         part = CENTRE_VOLUME if point == 8 else CORNER_VOLUME
         weight = 1.0 - 8.0 * corner_weight if point == 8 else corner_weight
@@ -282,7 +302,11 @@ def _tile_tangent(columns, shear, bulk, rule, law, geometric, i, j, first, count
             edges, law, shear, pressure, np.float32(weight), np.float32(part), rule,
             np.float32(geometric), count, hessian,
         )  # fmt: skip
-        _add_pairs(hessian, signs, count, i, j, first, stencil)
+        _fill_transposed(hessian, XY, YX, count)
+        _fill_transposed(hessian, XZ, ZX, count)
+        _fill_transposed(hessian, YZ, ZY, count)
+        _add_pairs(hessian, signs, 9 * STRIDE, half, matrix.reshape(324 * STRIDE))
+    _flush(matrix, gradient, mean_bulk, count, i, j, first, stencil)
 
 
 @alternating_kernel
@@ -293,11 +317,11 @@ def tangent_stencil(thread, u, shear, bulk, span, rule, law, geometric, out):
     make it indefinite.
     """
     for i in share(thread, 0, u.shape[1] - 1):
-        columns = np.empty((12, TILE + 1), np.float32)
-        moduli = np.empty((2, TILE), np.float32)
+        columns = np.empty((12, STRIDE + 1), np.float32)
+        moduli = np.empty((2, STRIDE), np.float32)
         for j in range(u.shape[2] - 1):
-            for first in range(span[i, j, 0], span[i, j, 1], TILE):
-                count = min(TILE, span[i, j, 1] - first)
+            for first in range(span[i, j, 0], span[i, j, 1], STRIDE):
+                count = min(STRIDE, span[i, j, 1] - first)
                 pack(u, i, j, first, count, columns)
                 pack_moduli(shear, bulk, i, j, first, count, moduli)
                 _tile_tangent(
