@@ -216,7 +216,8 @@ def same_answer(elements: float) -> None:
         module.INCREMENT = 0.5 * increment
         slow, _, _ = attempt(breast, name, **keys)
         module.INCREMENT = increment
-        print(f"{name}, half the closing steps: {apart(usual, slow)}")
+        energies = " and ".join(f"{one.history['energy_mj'][-1]:.3f}" for one in (usual, slow))
+        print(f"{name}, half the closing steps: {apart(usual, slow)}; {energies} mJ", flush=True)
         print(f"{name}, from a gap 3 mm wider: {_from_neighbour(breast, name, usual, keys)}")
 
 
@@ -236,7 +237,8 @@ def _from_neighbour(
     moved = edge * np.moveaxis(state.u, 0, -1)[nodes] @ view.rotation
     places = (between.mesh.nodes.origin_mm + edge * np.argwhere(nodes)) @ view.rotation
     distance = np.linalg.norm(moved - usual.displacement_at(places), axis=1)
-    return f"mean {distance.mean():.4f}, largest {distance.max():.3f} mm"
+    energies = f"{usual.history['energy_mj'][-1]:.3f} and {stages.rows[-1]['energy_mj']:.3f} mJ"
+    return f"mean {distance.mean():.4f}, largest {distance.max():.3f} mm; {energies}"
 
 
 def phantom(path: str, elements: list[float]) -> None:

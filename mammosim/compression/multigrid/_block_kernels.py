@@ -173,7 +173,7 @@ def galerkin_of_blocks(thread, stencil, span, out):
     entries = stencil.shape[2] // 14
     for i in share(thread, 1, out.shape[0] - 1):
         half = np.empty((243, stencil.shape[3]), np.float32)
-        row = np.empty((9, stencil.shape[3]), np.float32)
+        row = np.zeros((9, stencil.shape[3]), np.float32)
         for j in range(1, out.shape[1] - 1):
             half[:] = np.float32(0.0)
             touched = False
@@ -202,6 +202,8 @@ def _collapse_columns(stencil, entries, fi, fj, ti, tj, row, half):
     ``half[27 (3 (dx+1) + (dy+1)) + 9 (dz+1) + 3 r + c, k]``.
     """
     own = (1.0 - 0.5 * abs(ti)) * (1.0 - 0.5 * abs(tj))
+    # Rows of a block follow each other: nine short loops are one.
+    size, target, source = row.shape[1], half.reshape(half.size), row.reshape(row.size)
     for flat in range(27):
         di, dj = flat // 9 - 1, (flat // 3) % 3 - 1
         _block_row(stencil, entries, fi, fj, flat, row)
@@ -210,10 +212,9 @@ def _collapse_columns(stencil, entries, fi, fj, ti, tj, row, half):
                 weight = np.float32(own * _weight(ti + di, step_x) * _weight(tj + dj, step_y))
                 if weight > 0.0:
                     first = 27 * (3 * (step_x + 1) + step_y + 1) + 9 * (flat % 3)
-                    for entry in range(entries):
-                        target, source = half[first + entry], row[entry]
-                        for k in range(_ONE, np.uint64(target.size - 1)):
-                            target[k] += weight * source[k]
+                    start = np.uint64(first * size)
+                    for k in range(np.uint64(0), np.uint64(entries * size)):
+                        target[start + k] += weight * source[k]
 
 
 @merged_kernel
