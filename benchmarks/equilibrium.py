@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 import csv
 import time
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -228,11 +227,9 @@ def _from_neighbour(
     view, settings = usual.view, CompressionSettings(**keys)
     between = body_between_plates(usual.phantom, view, settings)
     stages = Stages(between.mesh, between.plates.edge_mm, settings.tolerance_mm)
-    wide = replace(
-        between.plates, support_z_mm=between.plates.support_z_mm - 1.5,
-        paddle_z_mm=between.plates.paddle_z_mm + 1.5,
-    )  # fmt: skip
-    state = stages.settle(between.plates, stages.compress(wide))
+    plates = between.plates.at_height(0.5 * (usual.support_z_mm + usual.paddle_z_mm))
+    wide = plates.at_height(plates.centre_mm, plates.thickness_mm + 3.0)
+    state = stages.settle(plates, stages.compress(wide))
     nodes, edge = between.mesh.body.nodes, float(between.mesh.nodes.spacing_mm[0])
     moved = edge * np.moveaxis(state.u, 0, -1)[nodes] @ view.rotation
     places = (between.mesh.nodes.origin_mm + edge * np.argwhere(nodes)) @ view.rotation
