@@ -98,14 +98,17 @@ def net():
 
 @pytest.fixture(scope="module")
 def strands():
-    """Ends of the pieces of strands in a ball of 60 mm, and the depth below its skin."""
+    """Ends of the pieces of strands in a ball of 60 mm, the depth below its skin, and the foam."""
     frame = VoxelFrame(np.full(3, -32.0), np.full(3, 2.0), (33, 33, 33))
-    away = np.linalg.norm(
-        np.stack(np.meshgrid(*[np.arange(33) * 2.0 - 32.0] * 3, indexing="ij")), axis=0
-    )
-    tissue = threads.Tissue(30.0 - away, np.full(away.shape, -9.0), np.ones(away.shape), frame)
-    drawn = threads.draw_threads(tissue, 30.0, 1.0, np.random.default_rng(7))
-    return drawn.ends_mm, lambda at: 30.0 - np.linalg.norm(at, axis=1)
+    axis = np.arange(33) * 2.0 - 32.0
+    places = np.meshgrid(axis, axis, axis, indexing="ij")
+    away = np.linalg.norm(np.stack(places), axis=0)
+    bent = [0.9 * part + 1.5 * np.sin(places[2] / 9.0) for part in places]
+    tissue = threads.Tissue(30.0 - away, np.full(away.shape, -9.0), bent, frame)
+    rng = np.random.default_rng(7)
+    foams = (lobules.draw_net(bent, 9.0, rng), lobules.draw_net(bent, 7.0, rng))
+    drawn = threads.draw_threads(tissue, foams, 1.0, rng)
+    return drawn, lambda at: 30.0 - np.linalg.norm(at, axis=-1), foams
 
 
 def test_gathered_cells_give_the_walls_of_all_cells(net):
@@ -154,38 +157,68 @@ def test_a_thread_fills_its_cross_section_whatever_the_voxel():
             assert area == pytest.approx(np.pi * radius**2, rel=0.13 if voxel >= radius else 0.03)
 
 
-def test_some_walls_are_missing_and_the_others_have_a_long_tail():
-    near = _net_kernels.new_near()
+def test_walls_within_a_group_are_thin_and_those_between_groups_all_there():
     rng = np.random.default_rng(6)
-    near.place[:40, :3] = rng.uniform(0.0, 5.0, (40, 3))
-    near.tag[:40] = rng.random(40)
-    _net_kernels._pairs(near, 40, 10.0, np.eye(3))
-    strength = near.pair[:40, :40, 1][np.triu_indices(40, 1)]
-    # Of 780 pairs: three standard deviations of a share of 0.3 are 0.05.
-    assert np.mean(strength == 0.0) == pytest.approx(_net_kernels.ABSENT_WALLS, abs=0.05)
-    walls = strength[strength > 0.0]
-    assert walls.max() < _net_kernels.MAX_WALL
-    assert walls.mean() > 1.3 * np.median(walls)
+    one, other = rng.random((2, 4000))
+    within = _net_kernels.wall_strengths(one + 5.0, other + 5.0)
+    # Of 4000 pairs: three standard deviations of a share of 0.35 are 0.023.
+    assert np.mean(within == 0.0) == pytest.approx(_net_kernels.ABSENT_WALLS, abs=0.023)
+    assert within.max() < _net_kernels.GROUP_WALL
+    assert within[within > 0.0].min() >= _net_kernels.THIN_WALL
+    alone = _net_kernels.wall_strengths(one - 1.0, other - 1.0)
+    assert np.mean(alone == 0.0) == pytest.approx(_net_kernels.ABSENT_WALLS, abs=0.023)
+    assert alone.max() > 0.95 * _net_kernels.MAX_WALL
+    groups = rng.integers(0, 500, (2, 4000)).astype(float)
+    groups[1] += groups[0] + 1.0
+    between = _net_kernels.wall_strengths(one + groups[0], other + groups[1])
+    assert between.min() >= _net_kernels.GROUP_WALL
+    assert between.max() <= _net_kernels.MAX_WALL
+    assert between.mean() > 1.15 * np.median(between)
+    # a ligament has one thickness, from both sides
+    again = _net_kernels.wall_strengths(other + groups[1], other + groups[0])
+    np.testing.assert_allclose(between, again)
 
 
-def test_strands_meet_in_nodes_and_end_nowhere_else(strands):
-    """Each end of a piece is that of another piece, too, or lies in the skin."""
-    places, depth = strands
-    ends = places.reshape(-1, 3)
-    alone = cKDTree(ends).query(ends, k=2)[0][:, 1] > 1e-6
-    in_skin = depth(ends) < threads.SKIN_MM + 1.0
-    assert np.mean(alone & ~in_skin) < 0.01
-    assert np.count_nonzero(in_skin) > 50
+def test_edges_of_a_foam_are_as_far_from_three_cells_and_nodes_from_four():
+    axis = np.arange(0.0, 40.0, 2.0)
+    net = lobules.draw_net([axis] * 3, 8.0, np.random.default_rng(3))
+    nodes, strands, strength = threads.foam_edges(net)
+    present = np.argwhere(net.seeds[..., 3] >= _net_kernels.ABSENT)
+    seeds = net.seeds[tuple(present.T)].astype(float)
+    middle = (nodes[strands].mean(axis=1) - net.origin_mm) / net.cell_mm
+    inner = ((middle > 1.5) & (middle < np.array(net.seeds.shape[:3]) - 1.5)).all(axis=1)
+    assert np.count_nonzero(inner) > 100
+    for places, cells in (
+        (middle[inner], 3),
+        ((nodes[strands[inner, 0]] - net.origin_mm) / net.cell_mm, 4),
+    ):
+        apart = ((places[:, None] - present - seeds[:, :3]) ** 2).sum(axis=-1) - seeds[:, 3]
+        nearest = np.sort(apart, axis=1)[:, :cells]
+        np.testing.assert_allclose(nearest, nearest[:, :1] + np.zeros(cells), atol=1e-6)
+    assert 0.0 <= strength.min() < strength.max() <= _net_kernels.MAX_WALL
+
+
+def test_strands_follow_the_walls_and_are_one_net(strands):
+    """Pieces go on in others, but where the net leaves the ball; none ends within it."""
+    drawn, depth, _ = strands
+    ends = drawn.ends_mm.reshape(-1, 3)
+    # at a node strands reach a little beyond it, by up to 0.6 of their radius there
+    gap = cKDTree(ends).query(ends, k=2)[0][:, 1]
+    within = depth(ends) > 3.0
+    assert np.count_nonzero(within) > 500
+    assert np.mean(gap[within] > 2.0 * threads.RADII_MM[1]) < 0.01
+    assert np.count_nonzero(depth(ends) < 1.5) > 50
 
 
 def test_strands_are_thick_at_their_nodes_and_thin_between():
     rng = np.random.default_rng(8)
-    ends = rng.uniform(0.1, 0.6, (50, 2))
-    radius = threads._profiles(ends, np.exp(0.4 * rng.standard_normal(50)))
-    np.testing.assert_allclose(radius[:, [0, -1]], ends)
-    middle = radius[:, radius.shape[1] // 2]
-    assert np.all(middle <= ends.min(axis=1) + 1e-12)
-    assert np.median(middle / ends.mean(axis=1)) < 0.7
+    middle = rng.uniform(0.05, 0.3, 50)
+    nodes = middle[:, None] * rng.uniform(1.0, 3.0, (50, 2))
+    radius = threads._profiles(nodes, middle, 5)
+    np.testing.assert_allclose(radius[:, [0, -1]], nodes)
+    assert np.all(radius[:, 1:-1] <= nodes.max(axis=1)[:, None] + 1e-12)
+    assert np.all(radius >= middle[:, None] - 1e-12)
+    assert np.median(radius[:, 2] / nodes.mean(axis=1)) < 0.7
 
 
 def test_threads_are_painted_by_the_part_they_fill_and_leave_other_tissue():

@@ -31,6 +31,6 @@ SHARP_MM = 0.2
 SHARP_LIMIT = 0.02
 """Details (ln) well below this are raised in full, those above not at all."""
 
-LOOKS = {"crisp": Look(1.35, 0.055, 0.6), "soft": Look(1.15, 0.06, 0.2)}
+LOOKS = {"crisp": Look(1.5, 0.055, 0.8), "soft": Look(1.2, 0.06, 0.2)}
 """Scanners differ in how far they enhance local contrast and suppress noise; these are two ends of
 what is seen on clinical images, of no manufacturer in particular."""

@@ -88,6 +88,11 @@ EDGE_GAIN, EDGE_GAIN_MM = 0.95, (1.5, 4.0)
 this is done in full and beyond which not at all. On clinical images both are about as bright as
 gland: their filters bring out what stands against the black of air. Set by eye."""
 
+NIPPLE_POWER, NIPPLE_EDGE_MM = 0.45, 3.5
+"""A nipple in profile, a centimetre of soft tissue, is raised to this power of its part of gland's
+contrast; at the second distance from it this has faded. On clinical images it is as bright as the
+skin line or brighter. Set by eye."""
+
 THIN_DEPTH_MM, THIN_SIGMA_MM, THIN_PART = 1.0, 1.5, 0.9
 """Thin places are looked for deeper than the first, on the scale of the second, and this part of
 what they lack is added."""
@@ -161,7 +166,10 @@ def raised_edge(equalized: F64, margin: Margin, fat: float, contrast: float) -> 
     near, far = EDGE_GAIN_MM
     part = np.clip((equalized - fat) / contrast, 0.0, 1.0)
     share = smooth_step((far - margin.depth_mm) / (far - near))
-    return EDGE_GAIN * contrast * share * part * (1.0 - part)
+    raised = EDGE_GAIN * share * part * (1.0 - part)
+    near_nipple = distance_to(margin.breast & ~margin.body) * margin.cell_mm
+    share = smooth_step(1.0 - near_nipple / NIPPLE_EDGE_MM)
+    return contrast * np.maximum(raised, share * (part**NIPPLE_POWER - part))
 
 
 def smooth_step(place: F64) -> F64:

@@ -115,9 +115,7 @@ def _full_potential(texture, corners, node, place, coarse_mm):
         zip(texture.grain_amplitude, texture.grain_mm, strict=True)
     ):
         noise += amplitude * gradient_noise(place / grain, texture.key + 64 + octave)
-    share = texture.fine_lobules
-    pull = pushed(texture.coarse, values[5:8], slope, texture.lobule_mm)
-    pull += share * pushed(texture.fine, values[5:8], slope, share * texture.lobule_mm)
+    pull = pushed(texture.lobules, values[5:8], slope, texture.lobule_mm)
     pull *= texture.lobule_amplitude
     return values[2] + np.clip(noise, -texture.noise_limit, texture.noise_limit) - pull
 

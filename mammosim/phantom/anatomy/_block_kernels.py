@@ -41,18 +41,15 @@ class Lattice(NamedTuple):
 class Texture(NamedTuple):
     """Everything that decides the fine structure.
 
-    `fields` is (x, lateral, superior, channel); `coarse` and `fine` are the nets of primary and
-    secondary septa, `bundles` that of the muscle's; amplitudes are in units of the potential. Gland
+    `fields` is (x, lateral, superior, channel); `lobules` is the net of fat lobules, `bundles` that
+    of the muscle's; amplitudes are in units of the potential. Gland
     is where the potential above the threshold, at most `gland_cap`, and the tile's noise are
     positive together; fat streaks of muscle are where that noise exceeds `muscle_streaks`.
     """
 
     fields: NDArray[np.float32]
-    coarse: Net
-    fine: Net
+    lobules: Net
     bundles: Net
-    fine_septum: float
-    fine_lobules: float
     apex_mm: NDArray[np.float64]
     fan_amplitude: NDArray[np.float64]
     fan_per_radian: NDArray[np.float64]
@@ -99,8 +96,7 @@ class Block(NamedTuple):
     centre: NDArray[np.float64]
     low: NDArray[np.float64]
     step: NDArray[np.float64]
-    coarse: Near
-    fine: Near
+    near: Near
     wanted: NDArray[np.bool_]
 
 
@@ -109,8 +105,7 @@ def new_block() -> Block:
     n = SUB_STEPS + 1
     return Block(
         np.empty((CHANNELS, 8)), np.empty((n, n, n)), np.empty(n), np.empty((3, 3)), np.empty(3),
-        np.empty(CHANNELS), np.empty(CHANNELS), new_near(), new_near(),
-        np.zeros((3, n), np.bool_),
+        np.empty(CHANNELS), np.empty(CHANNELS), new_near(), np.zeros((3, n), np.bool_),
     )  # fmt: skip
 
 

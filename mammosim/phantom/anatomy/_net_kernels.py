@@ -28,12 +28,16 @@ ABSENT = -5.0
 MAX_HOLDERS = 24
 """Most cells that hold some place of one block."""
 
-ABSENT_WALLS, MAX_WALL = 0.30, 2.6
-"""Share of walls that are missing, so that lobules run together, and the most by which a wall is
-thicker than the mean."""
+ABSENT_WALLS, THIN_WALL, GROUP_WALL, MAX_WALL = 0.35, 0.25, 0.7, 2.6
+"""Share of walls within a group that are missing, so that lobules run together; the least thickness
+of a wall against the mean, the most within a group and least between groups, and the most of all.
+Chosen by eye."""
 
 ROUNDING_REACH = 1.1
 """Distance from walls beyond which they round no corner, against the rounding."""
+
+GOLDEN = 0.6180339887498949
+"""Multiples of the golden ratio, less their whole parts, are spread evenly."""
 
 CONE = 1.7320508
 """Base of a cone of `thread_fill` that is 1 in the middle, against the thread's radius: sqrt 3."""
@@ -201,18 +205,39 @@ def _pairs(near: Near, n: int, cell_mm: float, slope: NDArray[np.float64]) -> No
             near.pair[a, b, 0] = near.pair[b, a, 0] = 0.5 * cell_mm / max(steep, 1e-9)
             near.scale[a] = min(near.scale[a], near.pair[a, b, 0])
             near.scale[b] = min(near.scale[b], near.pair[a, b, 0])
-            odd = near.tag[a] + near.tag[b]
-            odd -= np.floor(odd)
-            near.pair[a, b, 1] = near.pair[b, a, 1] = _wall_strength(odd)
+            near.pair[a, b, 1] = near.pair[b, a, 1] = _wall_strength(near.tag[a], near.tag[b])
+
+
+@kernel
+def wall_strengths(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Thickness of walls against the mean from the tags of the cells on both sides."""
+    strength = np.empty(one.size)
+    for n in range(one.size):
+        strength[n] = _wall_strength(one[n], other[n])
+    return strength
 
 
 @merged_kernel
-def _wall_strength(odd: float) -> float:
-    """Thickness of a wall against the mean from an even random number: none, or long-tailed."""
+def _wall_strength(one: float, other: float) -> float:
+    """Thickness of a wall against the mean from the tags of the cells on both sides.
+
+    The whole part of a tag is the cell's group. Within a group walls are thin and some are missing;
+    those between two groups are all there and of one thickness, a ligament. Where tags are
+    negative there are no groups, and thickness has a long tail.
+    """
+    odd = one + other
+    odd -= np.floor(odd)
+    first, second = np.floor(one), np.floor(other)
+    if first != second:
+        between = GOLDEN * (first + second)
+        between -= np.floor(between)
+        return GROUP_WALL + (MAX_WALL - GROUP_WALL) * between * between * between
     if odd < ABSENT_WALLS:
         return 0.0
     part = (odd - ABSENT_WALLS) / (1.0 - ABSENT_WALLS)
-    return 0.35 + (MAX_WALL - 0.35) * part * part * part
+    if first < 0.0:
+        return THIN_WALL + (MAX_WALL - THIN_WALL) * part * part * part
+    return THIN_WALL + (GROUP_WALL - THIN_WALL) * part * part
 
 
 @merged_kernel

@@ -44,7 +44,7 @@ SUB_CELL = 0.32
 """Half diagonal of a cell of the sub-grid against that of its block: a quarter, and more where
 coordinates are not linear."""
 
-MUSCLE_FAT = 0.15
+MUSCLE_FAT = 0.18
 """Mean thickness of the fat between bundles of muscle, mm. Chosen."""
 
 
@@ -105,8 +105,8 @@ def _stretch(slope: NDArray[np.float64]) -> float:
 
 @merged_kernel
 def potential_at(
-    texture: Texture, block: Block, n: tuple[int, int], at: NDArray[np.float64],
-    origin: NDArray[np.float64], coarse_mm: float,
+    texture: Texture, block: Block, n: int, at: NDArray[np.float64], origin: NDArray[np.float64],
+    coarse_mm: float,
 ) -> float:  # fmt: skip
     """Full potential at a place (u, v, w) of a block whose walls have been gathered."""
     u, v, w = at[0], at[1], at[2]
@@ -117,11 +117,8 @@ def potential_at(
     p = trilinear(block.corner, NET, u, v, w)
     q = trilinear(block.corner, NET + 1, u, v, w)
     r = trilinear(block.corner, NET + 2, u, v, w)
-    depth, amplitude = texture.lobule_mm, texture.lobule_amplitude
-    total -= amplitude * _pushed(texture.coarse, block.coarse, n[0], p, q, r, depth)
-    share = texture.fine_lobules
-    total -= share * amplitude * _pushed(texture.fine, block.fine, n[1], p, q, r, share * depth)
-    return total
+    pushed = _pushed(texture.lobules, block.near, n, p, q, r, texture.lobule_mm)
+    return total - texture.lobule_amplitude * pushed
 
 
 @merged_kernel
@@ -138,22 +135,16 @@ def _pushed(net: Net, near: Near, n: int, p: float, q: float, r: float, depth_mm
 @kernel
 def gather_lobules(
     texture: Texture, block: Block, coarse_mm: float, whole: bool, at: NDArray[np.float64]
-) -> tuple[int, int]:
-    """Cells of both nets that push gland aside within a block, or within the cell of its sub-grid
-    about a place (u, v, w)."""
+) -> int:
+    """Cells that push gland aside within a block, or within the cell of its sub-grid about a place
+    (u, v, w)."""
     radius, stretch = _net_frame(block, NET, coarse_mm), _stretch(block.slope)
     if not whole:
         for axis in range(3):
             block.centre[axis] = trilinear(block.corner, NET + axis, at[0], at[1], at[2])
         radius *= SUB_CELL
     reach = ROUNDING_REACH * texture.lobule_mm * stretch
-    return (
-        gather(texture.coarse, block.centre, radius, reach, block.slope, block.coarse),
-        gather(
-            texture.fine, block.centre, radius, texture.fine_lobules * reach, block.slope,
-            block.fine,
-        ),
-    )  # fmt: skip
+    return gather(texture.lobules, block.centre, radius, reach, block.slope, block.near)
 
 
 @parallel_kernel
@@ -255,9 +246,7 @@ def decide_gland(
     if only_muscle or highest + texture.noise_limit + grain <= paint.threshold:
         return 0
     n = gather_lobules(texture, block, h, True, block.centre)
-    pull = _strongest(block.coarse, n[0])
-    pull += texture.fine_lobules * _strongest(block.fine, n[1])
-    pull *= texture.lobule_amplitude
+    pull = texture.lobule_amplitude * _strongest(block.near, n)
     if lowest - texture.noise_limit - pull > paint.threshold + texture.gland_cap:
         return 2
     at, some, all_of_it = np.empty(3), False, True
@@ -287,17 +276,15 @@ def _strongest(near: Near, n: int) -> float:
 @kernel
 def gather_walls(
     texture: Texture, block: Block, h: float, voxel: float, only_muscle: bool, gland: int
-) -> tuple[int, int]:
-    """Cells of the nets whose walls cross a block: of both septa, or of bundles in muscle."""
+) -> int:
+    """Cells of the net whose walls cross a block: of lobules, or of bundles in muscle."""
     if only_muscle:
         radius = _net_frame(block, FIBRE, h)
         reach = wall_reach(MUSCLE_FAT, voxel) * _stretch(block.slope)
-        return gather(texture.bundles, block.centre, radius, reach, block.slope, block.coarse), -1
+        return gather(texture.bundles, block.centre, radius, reach, block.slope, block.near)
     thick = block.corner[SEPTUM].max()
     if gland == 2 or thick <= 0.0:
-        return 0, 0
-    radius, stretch = _net_frame(block, NET, h), _stretch(block.slope)
-    reach = wall_reach(thick, voxel) * stretch
-    n = gather(texture.coarse, block.centre, radius, reach, block.slope, block.coarse)
-    reach = wall_reach(texture.fine_septum * thick, voxel) * stretch
-    return n, gather(texture.fine, block.centre, radius, reach, block.slope, block.fine)
+        return 0
+    radius = _net_frame(block, NET, h)
+    reach = wall_reach(thick, voxel) * _stretch(block.slope)
+    return gather(texture.lobules, block.centre, radius, reach, block.slope, block.near)

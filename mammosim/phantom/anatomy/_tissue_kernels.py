@@ -111,7 +111,9 @@ def _paint_block(
     _wanted_nodes(lattice, at, block.wanted)
     gland = decide_gland(texture, paint, block, np.array([x, y, z]), h, only_muscle)
     walls = gather_walls(texture, block, h, voxel, only_muscle, gland)
-    _fill_block(labels, lattice, texture, paint, block, at, (shallow, muscle, gland, walls))
+    _fill_block(
+        labels, lattice, texture, paint, block, at, (shallow, muscle, only_muscle, gland, walls)
+    )
 
 
 @kernel
@@ -136,32 +138,27 @@ def _mark(wanted: NDArray[np.bool_], axis: int, part: float) -> None:
 @kernel
 def _fill_block(
     labels: NDArray[np.uint8], lattice: Lattice, texture: Texture, paint: Paint, block: Block,
-    at: tuple[int, int, int], kind: tuple[bool, bool, int, tuple[int, int]],
+    at: tuple[int, int, int], kind: tuple[bool, bool, bool, int, int],
 ) -> None:  # fmt: skip
     """Label the voxels of a block that is not air.
 
     What is in the tuples is taken out of them first: within the loops each access would count its
     references, which costs more than all else.
     """
-    shallow, muscle, gland, walls = kind
+    shallow, muscle, only_muscle, gland, walls = kind
     h, origin = lattice.coarse_mm, lattice.coarse_origin_mm
     cover = paint.cover_mm
     x_mm, y_mm, z_mm = lattice.x_mm, lattice.lateral_mm, lattice.superior_mm
     voxel, key = x_mm[1] - x_mm[0], texture.key
     low, step, corner, sub, sub_row = block.low, block.step, block.corner, block.sub, block.sub_row
-    coarse, fine, numbers, name = block.coarse, block.fine, paint.nipple, paint.labels
-    place, pair, thin_place, thin_pair = coarse.place, coarse.pair, fine.place, fine.pair
-    scale, thin_scale = coarse.scale, fine.scale
+    numbers, name = paint.nipple, paint.labels
+    place, pair, scale = block.near.place, block.near.pair, block.near.scale
     cut_y, cut_z, cut_mm = paint.cut[0], paint.cut[1], paint.cut[2]
     areola, areola_mm = paint.areola_mm[0], paint.areola_mm[1]
-    net, thin, net_at = texture.coarse, texture.fine, NET
-    only_muscle = walls[1] == -1
+    net, net_at = texture.lobules, NET
     if only_muscle:
         net, net_at = texture.bundles, FIBRE
     o0, o1, o2, per = net.origin_mm[0], net.origin_mm[1], net.origin_mm[2], 1.0 / net.cell_mm
-    t0, t1, t2, thin_per = (thin.origin_mm[0], thin.origin_mm[1], thin.origin_mm[2],
-                            1.0 / thin.cell_mm)  # fmt: skip
-    thin_share = texture.fine_septum
     tile, tile_scale, cap = texture.grain_tile, texture.tile_scale, texture.gland_cap
     streaks = texture.muscle_streaks
     first_k, last_k = lattice.superior_start[at[2]], lattice.superior_start[at[2] + 1]
@@ -219,17 +216,12 @@ def _fill_block(
                         labels[i, j, k] = name[GLAND]
                         continue
                 fill = held
-                if in_muscle == only_muscle and (walls[0] > 1 or walls[1] > 1):
+                if in_muscle == only_muscle and walls > 1:
                     thick = MUSCLE_FAT if in_muscle else low[SEPTUM] + w * step[SEPTUM]
                     fill += wall_fill(
-                        place, pair, scale, walls[0],
+                        place, pair, scale, walls,
                         (p - o0) * per, (q - o1) * per, (r - o2) * per, thick, voxel,
                     )  # fmt: skip
-                    if walls[1] > 1:
-                        fill += wall_fill(
-                            thin_place, thin_pair, thin_scale, walls[1], (p - t0) * thin_per,
-                            (q - t1) * thin_per, (r - t2) * thin_per, thin_share * thick, voxel,
-                        )  # fmt: skip
                     if in_muscle and grain_at(tile, tile_scale, p, q, r) > streaks:
                         fill = 1.0
                 if fill <= 0.0:

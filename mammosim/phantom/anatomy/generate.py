@@ -39,6 +39,7 @@ from mammosim.phantom.anatomy.lobules import (
     draw_net,
     lobule_coordinates,
     septum_mm,
+    settle_gland,
 )
 from mammosim.phantom.anatomy.muscle import (
     BUNDLE_MM,
@@ -69,23 +70,16 @@ mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 2003, Proc SPIE 
 NOISE_LIMIT = 1.5
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
-FINE_AMPLITUDE, FINE_LIMIT = 0.42, 2.6
+FINE_AMPLITUDE, FINE_LIMIT = 0.30, 2.6
 """Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
 deviations. Chosen by eye."""
 
 GLAND_CAP = 0.42
-"""The potential above the threshold counts for no more: holes of fat, an eighth of the volume, stay
+"""The potential above the threshold counts for no more: holes of fat, a twelfth of the volume, stay
 within compact gland. Chosen by eye."""
 
 MUSCLE_STREAKS = 1.3
 """Standard deviations of the finest noise above which muscle is fat: a tenth of it."""
-
-FINE_SEPTUM = 0.4
-"""Thickness of the septa within lobules against those between them. Chosen by eye."""
-
-FINE_LOBULES = 0.7
-"""How strongly, and over which depth, lobules of the finer net push gland aside, against those of
-the coarse one. Chosen by eye."""
 
 Density = Literal["fatty", "scattered", "heterogeneous", "dense", "a", "b", "c", "d"]
 
@@ -161,7 +155,7 @@ class _Anatomy:
     fields: NDArray[np.float32]
     tubes: Tubes
     threads: Threads
-    nets: tuple[Net, Net, Net]
+    nets: tuple[Net, Net]
     tile: NDArray[np.int8]
     findings: list[Ball | Fold]
 
@@ -201,21 +195,22 @@ def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _A
     fibres = fibre_coordinates(outline, frame, lobule_rng)
     septum = septum_mm(depth, kind.septum_mm, frame, lobule_rng)
     thickness = skin_mm(body.skin_mm, frame, field_rng)
+    lobules = draw_net(bent, LOBULE_MM * kind.lobule_size, lobule_rng)
+    fine = draw_net(bent, FINE_MM, lobule_rng)
+    bundles = draw_net(fibres, BUNDLE_MM, lobule_rng, grouped=False)
+    breast = (depth > thickness) & (muscled < 0.0)
+    share = settings.target_percent / 100.0
+    gland = settle_gland(lobules, bent, gland, breast, share, lobule_rng)
     channels = [depth, muscled, gland, septum, thickness, *bent, *fibres]
     fields = np.stack(np.broadcast_arrays(*channels), axis=-1).astype(np.float32)
-    lobule = LOBULE_MM * kind.lobule_size
-    nets = (
-        draw_net(bent, lobule, lobule_rng),
-        draw_net(bent, FINE_MM, lobule_rng),
-        draw_net(fibres, BUNDLE_MM, lobule_rng),
-    )
     vessels = grow_vessels(outline, depth, muscled, frame, vessel_rng)
     tubes = gather_tubes([*vessels, *trees.pieces])
-    tissue = Tissue(depth, muscled, room, frame)
-    threads = draw_threads(tissue, ends[0], kind.threads, thread_rng)
+    tissue = Tissue(depth, muscled, bent, frame)
+    threads = draw_threads(tissue, (lobules, fine), kind.threads, thread_rng)
     tile = noise_tile(thread_rng, TILE, FINE_LIMIT)
     site = Site(depth, muscled, thickness, frame, outline.axilla, ends[:1] * [1.0, 0.0, 0.0], tubes)
     findings = draw_findings(settings, site, finding_rng)
+    nets = (lobules, bundles)
     return _Anatomy(body, kind, fields, tubes, threads, nets, tile, findings)
 
 
@@ -227,7 +222,7 @@ def _dealt(layers: int) -> NDArray[np.int64]:
 def _texture(anatomy: _Anatomy, seed: int) -> Texture:
     kind = anatomy.kind
     return Texture(
-        anatomy.fields, *anatomy.nets, FINE_SEPTUM, FINE_LOBULES,
+        anatomy.fields, *anatomy.nets,
         np.array([anatomy.body.outline.shape.depth_mm + 5.0, 0.0, 0.0]),
         kind.strands * np.array(FAN_SHARE), np.array(FAN_PER_RADIAN),
         np.array(GRAIN_AMPLITUDE), np.array(GRAIN_MM), NOISE_LIMIT, kind.lobule_mm, kind.lobules,

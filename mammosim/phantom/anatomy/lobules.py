@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy._net_kernels import ABSENT, Net
@@ -36,12 +37,32 @@ ABSENT_SHARE, WEIGHT = 0.12, 0.34
 """Share of the lattice cells without a lobule, and spread of the weights, cells squared: both make
 lobules unequal. Chosen by eye."""
 
-LEAN_SHARE = 0.30
-"""Share of the cells that push no gland aside: lobes of the gland."""
+GLAND_CELLS = 1.35
+"""Volume of the cells that push no gland aside, against that of gland: they are lobes of the gland,
+with holes of fat. Chosen by eye."""
+
+GROUP_UNEVEN, CELL_UNEVEN = 0.5, 0.35
+"""Spread by which groups and single cells differ in what decides whether they are gland, in units
+of the potential. Chosen by eye."""
+
+FATNESS = (0.8, 1.5)
+"""How strongly fat lobules push gland aside. Chosen by eye."""
+
+STEEP_CELLS, FLAT = 2.2, 0.45
+"""Below the potential that as much more volume exceeds than gland fills, the potential falls as it
+is; above, it is flattened to the second, so that borders of gland are those of lobules."""
+
+GROUP_CELLS, MOST_GROUPS = 2.3, 2048
+"""Distance between groups of cells, in cells: a group's border is a ligament, within it walls are
+thin. Chosen by eye. Numbers above the second are used again: single precision holds them with the
+fraction that walls differ by."""
 
 
 def draw_net(
-    coordinates_mm: list[NDArray[np.float64]], cell_mm: float, rng: np.random.Generator
+    coordinates_mm: list[NDArray[np.float64]],
+    cell_mm: float,
+    rng: np.random.Generator,
+    grouped: bool = True,
 ) -> Net:
     """Points of a net that covers coordinates.
 
@@ -52,6 +73,8 @@ def draw_net(
     cell_mm : float
         Side of its lattice cells, mm.
     rng : Generator
+    grouped : bool
+        Whether cells come in groups, between which walls are thick.
     """
     low = np.array([part.min() for part in coordinates_mm]) - 2.0 * cell_mm
     high = np.array([part.max() for part in coordinates_mm]) + 2.0 * cell_mm
@@ -60,10 +83,69 @@ def draw_net(
     seeds[..., :3] = rng.uniform(0.05, 0.95, (*cells, 3))
     seeds[..., 3] = WEIGHT * rng.random(tuple(cells))
     seeds[..., 3][rng.random(tuple(cells)) < ABSENT_SHARE] = 2.0 * ABSENT
-    fat = rng.random(tuple(cells))
-    seeds[..., 4] = np.where(fat < LEAN_SHARE, 0.0, 0.6 + rng.random(tuple(cells)))
+    seeds[..., 4] = rng.uniform(*FATNESS, tuple(cells))
     seeds[..., 5] = rng.random(tuple(cells))
+    seeds[..., 5] += _groups(seeds[..., :3], rng) if grouped else -1.0
     return Net(seeds, low, cell_mm)
+
+
+def _groups(places: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.int64]:
+    """Numbers of the groups of cells: each belongs to the nearest of some random points."""
+    cells = np.array(places.shape[:3])
+    at = np.stack(np.meshgrid(*map(np.arange, cells), indexing="ij"), axis=-1) + places
+    middle = rng.uniform(0.0, 1.0, (int(cells.prod() / GROUP_CELLS**3) + 1, 3)) * cells
+    number: NDArray[np.int64] = cKDTree(middle).query(at)[1]
+    return number % MOST_GROUPS
+
+
+def settle_gland(
+    net: Net,
+    coordinates_mm: list[NDArray[np.float64]],
+    potential: NDArray[np.float64],
+    breast: NDArray[np.bool_],
+    share: float,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Choose the cells that are lobes of gland, and flatten the potential within gland.
+
+    Parameters
+    ----------
+    net : Net
+        Fatness of the chosen cells becomes 0.
+    coordinates_mm : list of three ndarray
+        Coordinates of the net on the coarse grid, mm.
+    potential : ndarray
+        Potential of gland on the same grid.
+    breast : ndarray of bool
+        Where gland's share is counted.
+    share : float
+        Gland's share.
+    rng : Generator
+
+    Returns
+    -------
+    ndarray
+        The potential, flattened.
+    """
+    seeds = net.seeds
+    present = np.argwhere(seeds[..., 3] >= ABSENT)
+    rows = seeds[tuple(present.T)]
+    points = np.stack([part[breast] for part in coordinates_mm], axis=-1)
+    points = (points - net.origin_mm) / net.cell_mm
+    cell = cKDTree(present + rows[:, :3]).query(points)[1]
+    values = potential[breast]
+    volume = np.bincount(cell, minlength=len(present))
+    score = np.bincount(cell, values, len(present)) / np.maximum(volume, 1)
+    group = np.floor(rows[:, 5]).astype(int)
+    score += GROUP_UNEVEN * rng.standard_normal(MOST_GROUPS)[group]
+    score += CELL_UNEVEN * rng.standard_normal(len(present))
+    order = np.argsort(-np.where(volume > 0, score, -np.inf))
+    taken = np.cumsum(volume[order]) <= GLAND_CELLS * share * len(values)
+    seeds[(*present[order[taken]].T, 4)] = 0.0
+    knee = np.quantile(values, max(1.0 - STEEP_CELLS * share, 0.0))
+    above = potential - knee
+    flattened: NDArray[np.float64] = knee + np.minimum(above, FLAT * above)
+    return flattened
 
 
 def lobule_coordinates(

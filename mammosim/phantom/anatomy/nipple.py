@@ -19,9 +19,10 @@ HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 4.5, 6.0, (1.5, 11.0)
 calipers it is 9 mm on average (Sanuki et al. 2009), half of that when it is not stimulated and lies
 between plates (assumed)."""
 
-DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 12.0, 1.8, (8.0, 16.0)
-"""Diameter: 13 mm on average (Sanuki et al. 2009), at the foot here a millimetre wider than
-stated; the spread is assumed."""
+DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 9.5, 1.5, (6.5, 13.0)
+"""Diameter: 13 mm on average (Sanuki et al. 2009). Compression widens tissue at the skin by up to
+1.45 times; a nipple, whose muscle is not modelled, would widen less, and is drawn narrower. How
+much, and the spread, are assumed."""
 
 ROOT_MM = (3.0, 8.0)
 """How far the nipple's fibrous tissue reaches below the skin. Assumed."""
@@ -118,8 +119,8 @@ def draw_nipple(settings: GenerateSettings, rng: np.random.Generator) -> Nipple:
         0.5 * (settings.nipple_diameter_mm or diameter),
         rng.uniform(0.05, 0.4),
         (float(tilt[0]), float(tilt[1])),
-        rng.uniform(1.5, 3.0),
-        rng.uniform(0.15, 0.45),
+        rng.uniform(2.0, 5.0),
+        rng.uniform(0.25, 0.7),
         rng.uniform(0.0, 100.0),
     )
 

@@ -1,4 +1,9 @@
-"""Fibrous strands: a graph of taut lines that meet in star-shaped nodes and end in the skin."""
+"""Fibrous strands: the edges of the foam of fat lobules, drawn as thin round pieces.
+
+Where three lobules meet, their walls share a strand, as films of a foam meet in a Plateau border;
+where four meet, strands join in a node, at which each of them is widest. As edges of one foam they
+are a connected net, which ends in the skin, at the muscle and in gland.
+"""
 
 from __future__ import annotations
 
@@ -7,66 +12,43 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from mammosim.geometry import VoxelFrame
+from mammosim.phantom.anatomy._net_kernels import ABSENT, TAG, WEIGHT, Net, wall_strengths
 
 
 @dataclass(frozen=True)
-class Level:
-    """Strands of one scale.
+class Borders:
+    """Strands of one foam.
 
     Parameters
     ----------
-    nodes_per_ml : float
-        Nodes per mL of breast.
     radius_mm : float
-        Median radius of a strand at a node, mm.
-    links : int
-        Further strands from each node to its nearest neighbours, besides the one that leads
-        towards the nipple.
+        Radius of a strand in its middle where its walls have the mean thickness, mm.
+    pieces : int
+        Straight pieces of a strand.
     """
 
-    nodes_per_ml: float
     radius_mm: float
-    links: int
+    pieces: int
 
 
-LEVELS = (Level(0.2, 0.70, 1), Level(1.2, 0.46, 2), Level(7.0, 0.25, 2))
-"""Coarse strands first: finer ones are tied to them too. Nodes are 17, 9 and 5 mm apart. Chosen by
-eye."""
+BORDERS = (Borders(0.17, 5), Borders(0.10, 3))
+"""Of the coarse and the fine foam. Chosen by eye."""
 
-RADIUS_SPREAD, RADII_MM = 0.45, (0.05, 0.75)
-"""Spread of the logarithm of radii, and bounds, mm. Chosen by eye."""
+RADIUS_SPREAD, RADII_MM = 0.25, (0.03, 0.9)
+"""Spread of the logarithm of radii of strands and nodes, and bounds, mm. Chosen by eye."""
 
-WAIST, FLARE = 0.55, 0.40
-"""Radius of a strand in its middle against that at its nodes, and the share of its length over
-which it widens towards each. Chosen by eye."""
+NODE, FLARE = 2.0, 0.42
+"""Median radius of a node against that of its widest strand, and the share of its length over which
+a strand widens towards each. Chosen by eye."""
 
-AGAINST_NIPPLE = 1.6
-"""How much a way counts as longer that does not lead towards the nipple. Chosen."""
+NEAR_MM = 4.0
+"""Nodes farther from all tissue than this, in coordinates of the foam, are left out."""
 
-NEIGHBOURS = 9
-"""Nearest nodes among which a strand's other end is chosen."""
-
-FARTHEST = 2.4
-"""Longest strand against the mean distance of nodes."""
-
-SKIN_REACH, SKIN_SLANT = 0.8, 0.6
-"""Depth up to which a node hangs at the skin, against the mean distance of nodes, and how far such
-a ligament slants, against that depth."""
-
-BOW = 0.05
-"""How far a strand's middle leaves the straight line, of its length: strands are under tension."""
-
-AROUND_GLAND = 0.55
-"""Share of the density of nodes that is lost where gland has no room. Chosen."""
-
-PIECES, TIED = 7, [2, 5]
-"""Straight pieces of a strand, and at which of their ends finer strands are tied to it."""
-
-SKIN_MM = 0.8
-"""Depth below the skin's face at which ligaments end, mm, within the skin."""
+TURNS = 6
+"""Steps of the search for the place that has given coordinates of the foam."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,159 +74,178 @@ class Tissue:
     ----------
     skin_depth_mm, muscle_depth_mm : ndarray
         Distance below the skin, depth below the muscle's face.
-    gland_room : ndarray
-        Positive where glandular tissue may be.
+    coordinates_mm : list of three ndarray
+        Coordinates in which lobules are a power diagram.
     frame : VoxelFrame
     """
 
     skin_depth_mm: NDArray[np.float64]
     muscle_depth_mm: NDArray[np.float64]
-    gland_room: NDArray[np.float64]
+    coordinates_mm: list[NDArray[np.float64]]
     frame: VoxelFrame
 
 
 def draw_threads(
-    tissue: Tissue, foot_mm: float, amount: float, rng: np.random.Generator
+    tissue: Tissue, nets: tuple[Net, Net], amount: float, rng: np.random.Generator
 ) -> Threads:
     """Strands of a breast.
 
     Parameters
     ----------
     tissue : Tissue
-    foot_mm : float
-        x of the nipple's foot.
+    nets : tuple of Net
+        Coarse and fine foam.
     amount : float
-        Number of nodes against that of the mean woman.
+        Area of their cross-sections against that of the mean woman.
     rng : Generator
 
     Notes
     -----
-    Nodes are drawn at random, level by level. From each a strand leads to a near node towards the
-    nipple, and others to its nearest neighbours, among which are points of coarser strands. Nodes
-    under the skin hang at it (Cooper's ligaments). Strands are taut, and widen at both ends.
+    A strand is as thick as the second of its three walls; where only one of them is present there
+    is none.
     """
-    nipple = np.array([foot_mm, 0.0, 0.0])
-    tied, tied_radius = np.empty((0, 3)), np.empty(0)
     ends, radii = [], []
-    for level in LEVELS:
-        nodes = _nodes(tissue, level.nodes_per_ml * amount, rng)
-        radius = _radii(level.radius_mm, len(nodes), rng)
-        apart = (1000.0 / (level.nodes_per_ml * amount)) ** (1.0 / 3.0)
-        places = np.concatenate([nodes, tied])
-        thick = np.concatenate([radius, np.minimum(tied_radius, 1.5 * level.radius_mm)])
-        links = _links(nodes, places, nipple, level.links, FARTHEST * apart)
-        skin, hung = _hung(nodes, tissue, SKIN_REACH * apart, rng)
-        start = np.concatenate([places[links[:, 0]], nodes[hung]])
-        end = np.concatenate([places[links[:, 1]], skin])
-        wide = np.concatenate([thick[links], np.stack([radius[hung], 0.8 * radius[hung]], 1)])
-        courses = _courses(start, end, rng)
-        own = np.exp(RADIUS_SPREAD * rng.standard_normal(len(start)))
-        profile = _profiles(wide, own)
+    for net, kind in zip(nets, BORDERS, strict=True):
+        nodes, strands, strength = foam_edges(_around(net, tissue))
+        near = _near(nodes, tissue)
+        kept = near[strands].all(axis=1) & (strength > 0.0)
+        strands, strength = strands[kept], strength[kept]
+        own = np.exp(RADIUS_SPREAD * rng.standard_normal(len(strands)))
+        middle = np.sqrt(amount) * kind.radius_mm * strength * own
+        node = np.zeros(len(nodes))
+        for end in (0, 1):
+            np.maximum.at(node, strands[:, end], middle)
+        node *= NODE * np.exp(RADIUS_SPREAD * rng.standard_normal(len(nodes)))
+        profile = np.clip(_profiles(node[strands], middle, kind.pieces), *RADII_MM)
+        courses = _courses(nodes[strands], kind.pieces, tissue)
+        courses = _through_nodes(courses, profile)
         ends.append(np.stack([courses[:, :-1], courses[:, 1:]], axis=2).reshape(-1, 2, 3))
         radii.append(np.stack([profile[:, :-1], profile[:, 1:]], axis=2).reshape(-1, 2))
-        tied = np.concatenate([tied, courses[:, TIED].reshape(-1, 3)])
-        tied_radius = np.concatenate([tied_radius, profile[:, TIED].ravel()])
     return _within(np.concatenate(ends), np.concatenate(radii), tissue)
 
 
-def _nodes(tissue: Tissue, per_ml: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Random places between skin and muscle, denser where gland may be, (n, 3) mm."""
-    frame = tissue.frame
-    room = (tissue.skin_depth_mm > 2.5) & (tissue.muscle_depth_mm < 0.0)
-    room[: max(int(-frame.origin_mm[0] / frame.spacing_mm[0]), 0)] = False
-    cells = np.argwhere(room)
-    gland = np.clip(tissue.gland_room[room], 0.0, 1.0)
-    total = np.cumsum(1.0 - AROUND_GLAND * (1.0 - gland))
-    number = int(per_ml * len(cells) * float(frame.spacing_mm.prod()) / 1000.0)
-    chosen = cells[np.searchsorted(total, rng.random(number) * total[-1])]
-    return frame.position_mm(chosen + rng.uniform(-0.5, 0.5, chosen.shape))
+def foam_edges(
+    net: Net,
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Edges of a net's cells.
 
+    Cells of a power diagram are neighbours where the lower hull of their points, lifted on a
+    paraboloid, has an edge (Aurenhammer 1987, SIAM J Comput 16:78-96).
 
-def _radii(median_mm: float, number: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    spread = np.exp(RADIUS_SPREAD * rng.standard_normal(number))
-    radii: NDArray[np.float64] = np.clip(median_mm * spread, *RADII_MM)
-    return radii
-
-
-def _links(
-    nodes: NDArray[np.float64],
-    places: NDArray[np.float64],
-    nipple_mm: NDArray[np.float64],
-    others: int,
-    farthest_mm: float,
-) -> NDArray[np.int64]:
-    """Pairs of places (the first of which are the nodes) that strands join, each pair once."""
-    if len(places) < 2 + others:
-        return np.empty((0, 2), np.int64)
-    gap, near = cKDTree(places).query(nodes, k=min(NEIGHBOURS + 1, len(places)))
-    gap, near = gap[:, 1:], near[:, 1:]  # a node is its own nearest
-    way = places[near] - nodes[:, None]
-    towards = nipple_mm - nodes
-    along = (way * towards[:, None]).sum(axis=-1)
-    along /= np.maximum(gap * np.linalg.norm(towards, axis=-1)[:, None], 1e-9)
-    first = (gap * (1.0 + AGAINST_NIPPLE * (1.0 - along))).argmin(axis=1)
-    order = np.concatenate([first[:, None], np.tile(np.arange(others), (len(nodes), 1))], axis=1)
-    row = np.arange(len(nodes))[:, None]
-    pairs = np.stack([np.broadcast_to(row, order.shape), near[row, order]], axis=-1)
-    pairs = pairs[(gap[row, order] < farthest_mm) & (gap[row, order] > 1.0)]
-    unique: NDArray[np.int64] = np.unique(np.sort(pairs, axis=1), axis=0)
-    return unique
-
-
-def _hung(
-    nodes: NDArray[np.float64], tissue: Tissue, reach_mm: float, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Points of the skin at which nodes below it hang, and which of them do."""
-    depth, outward = _at(nodes, tissue)
-    hung = depth < reach_mm
-    start, out, deep = nodes[hung], outward[hung], (depth - SKIN_MM)[hung, None]
-    aside = SKIN_SLANT * rng.standard_normal(out.shape)
-    end = start + deep * (out + aside - (aside * out).sum(axis=1)[:, None] * out)
-    depth, outward = _at(end, tissue)
-    return end + (depth - SKIN_MM)[:, None] * outward, hung
-
-
-def _at(
-    places: NDArray[np.float64], tissue: Tissue
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Depth below the skin at places, mm, and the direction out, (n, 3)."""
-    field, index = tissue.skin_depth_mm, tissue.frame.index(places).T
-    depth, *slope = (
-        ndimage.map_coordinates(part, index, order=1, mode="nearest")
-        for part in (field, *np.gradient(field, *tissue.frame.spacing_mm))
+    Returns
+    -------
+    nodes_mm : ndarray, (n, 3)
+        Where four cells meet, coordinates of the net.
+    strands : ndarray of int, (m, 2)
+        Nodes that an edge joins.
+    strength : ndarray, (m,)
+        Thickness of the second of its three walls against the mean; 0 where there is one wall.
+    """
+    present = np.argwhere(net.seeds[..., WEIGHT] >= ABSENT)
+    seed = net.seeds[tuple(present.T)].astype(float)
+    place, weight = present + seed[:, :3], seed[:, WEIGHT]
+    lifted = (place**2).sum(axis=1) - weight
+    hull = ConvexHull(np.column_stack([place, lifted]))
+    lower = hull.equations[:, 3] < -1e-12
+    number = np.cumsum(lower) - 1
+    corners, neighbours = hull.simplices[lower], hull.neighbors[lower]
+    first = place[corners[:, 0]]
+    slopes = 2.0 * (place[corners[:, 1:]] - first[:, None])
+    rise = lifted[corners[:, 1:]] - lifted[corners[:, :1]]
+    nodes = np.linalg.solve(slopes, rise[..., None])[..., 0]
+    one, opposite = np.nonzero(lower[neighbours])
+    other = number[neighbours[one, opposite]]
+    once = one < other
+    one, opposite, other = one[once], opposite[once], other[once]
+    cells = np.sort(corners[one][np.arange(4) != opposite[:, None]].reshape(-1, 3), axis=1)
+    tag = seed[:, TAG]
+    walls = np.stack(
+        [wall_strengths(tag[cells[:, a]], tag[cells[:, b]]) for a, b in ((0, 1), (0, 2), (1, 2))]
     )
-    return depth, -_unit(np.stack(slope, axis=-1))
+    return (
+        net.origin_mm + nodes * net.cell_mm,
+        np.stack([one, other], axis=1),
+        np.sort(walls, axis=0)[1],
+    )
 
 
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    unit: NDArray[np.float64] = vectors / np.maximum(length, 1e-9)
-    return unit
+def _around(net: Net, tissue: Tissue) -> Net:
+    """A net without the cells that lie farther from tissue than two others."""
+    inside = _inside(tissue)
+    points = np.stack([part[inside] for part in tissue.coordinates_mm], axis=-1)
+    index = np.floor((points - net.origin_mm) / net.cell_mm).astype(int)
+    near = np.zeros(net.seeds.shape[:3], bool)
+    near[tuple(index.T)] = True
+    near = ndimage.binary_dilation(near, np.ones((3, 3, 3), bool), iterations=2)
+    seeds = net.seeds.copy()
+    seeds[..., WEIGHT][~near] = 2.0 * ABSENT
+    return net._replace(seeds=seeds)
 
 
-def _courses(
-    start: NDArray[np.float64], end: NDArray[np.float64], rng: np.random.Generator
+def _inside(tissue: Tissue) -> NDArray[np.bool_]:
+    """Points of the grid in tissue, with what is close to it."""
+    inside: NDArray[np.bool_] = (tissue.skin_depth_mm > -1.0) & (tissue.muscle_depth_mm < 2.0)
+    return inside
+
+
+def _near(nodes_mm: NDArray[np.float64], tissue: Tissue) -> NDArray[np.bool_]:
+    """Which nodes lie within or close to tissue."""
+    inside = _inside(tissue)
+    places = np.stack([part[inside] for part in tissue.coordinates_mm], axis=-1)
+    gap, _ = cKDTree(places).query(nodes_mm, distance_upper_bound=NEAR_MM)
+    near: NDArray[np.bool_] = np.isfinite(gap)
+    return near
+
+
+def _courses(ends: NDArray[np.float64], pieces: int, tissue: Tissue) -> NDArray[np.float64]:
+    """Places along all strands, (strand, piece + 1, 3) mm: straight in the foam's coordinates."""
+    t = np.linspace(0.0, 1.0, pieces + 1)[:, None]
+    wanted = (ends[:, :1] * (1.0 - t) + ends[:, 1:] * t).reshape(-1, 3)
+    return _places(wanted, tissue).reshape(-1, pieces + 1, 3)
+
+
+def _places(wanted: NDArray[np.float64], tissue: Tissue) -> NDArray[np.float64]:
+    """Places whose coordinates in the foam are given: Newton's method with the slopes at the
+    nearest point of the grid."""
+    fields, frame = tissue.coordinates_mm, tissue.frame
+    points = np.argwhere(_inside(tissue))
+    grid = np.stack([part[tuple(points.T)] for part in fields], axis=-1)
+    index = points[cKDTree(grid).query(wanted)[1]]
+    slope = np.stack([np.stack(tuple(np.gradient(part)), axis=-1) for part in fields], axis=-2)
+    inverse = np.linalg.inv(slope[tuple(index.T)])
+    at = index.astype(float)
+    for _ in range(TURNS):
+        here = np.stack(
+            [ndimage.map_coordinates(part, at.T, order=1, mode="nearest") for part in fields],
+            axis=-1,
+        )
+        at += np.einsum("nij,nj->ni", inverse, wanted - here).clip(-1.0, 1.0)
+    return frame.position_mm(at)
+
+
+def _profiles(
+    node_mm: NDArray[np.float64], middle_mm: NDArray[np.float64], pieces: int
 ) -> NDArray[np.float64]:
-    """Places along all strands, (strand, piece + 1, 3) mm: straight but for a slight bow."""
-    way = end - start
-    length = np.linalg.norm(way, axis=1)[:, None]
-    bow, bend = BOW * length * rng.standard_normal((2, *way.shape))
-    t = np.linspace(0.0, 1.0, PIECES + 1)[:, None]
-    places: NDArray[np.float64] = start[:, None] + t * way[:, None]
-    places += np.sin(np.pi * t) * bow[:, None] + 0.4 * np.sin(2.0 * np.pi * t) * bend[:, None]
-    return places
-
-
-def _profiles(ends_mm: NDArray[np.float64], own: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Radius at each place along strands, (strand, piece + 1) mm, from those at their nodes."""
-    t = np.linspace(0.0, 1.0, PIECES + 1)
-    waist = WAIST * own * np.sqrt(ends_mm[:, 0] * ends_mm[:, 1])
-    waist = np.minimum(waist, ends_mm.min(axis=1))[:, None]
-    profile = np.broadcast_to(waist, (len(ends_mm), t.size)).copy()
+    """Radius at each place along strands, (strand, piece + 1) mm: widest at both nodes."""
+    t = np.linspace(0.0, 1.0, pieces + 1)
+    profile = np.broadcast_to(middle_mm[:, None], (len(middle_mm), t.size)).copy()
     for end, away in ((0, t), (1, 1.0 - t)):
         near = np.clip(1.0 - away / FLARE, 0.0, 1.0) ** 2
-        profile += (ends_mm[:, end, None] - waist) * near
+        profile += (node_mm[:, end, None] - middle_mm[:, None]).clip(0.0) * near
     return profile
+
+
+def _through_nodes(
+    courses: NDArray[np.float64], profile: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Strands a little longer, so that those that meet in a node leave no gap between them."""
+    out = courses.copy()
+    for end, next_ in ((0, 1), (-1, -2)):
+        way = courses[:, end] - courses[:, next_]
+        length = np.linalg.norm(way, axis=1)
+        longer = 0.6 * profile[:, end] / np.maximum(length, 1e-9)
+        out[:, end] += np.minimum(longer, 1.0)[:, None] * way
+    return out
 
 
 def _within(
