@@ -188,7 +188,8 @@ def _fill_block(
                         depth += voxel * dither(i, j, k, corner)
                     if depth < thick:
                         if in_nipple(x, y, z, depth, thick, numbers):
-                            if labels[i, j, k] == 0:
+                            here = labels[i, j, k]
+                            if here == 0 or fill_of(here, name) > 0.0:
                                 labels[i, j, k] = name[NIPPLE]
                         else:
                             labels[i, j, k] = name[SKIN] if depth >= 0.0 else 0
