@@ -24,7 +24,7 @@ class OtherGenerateKeys(TypedDict, total=False):
     1.5 to 11, and up to 2 in one breast of twelve."""
 
     nipple_diameter_mm: float | None
-    """Diameter of the nipple, mm; default: drawn by the seed from 8 to 14."""
+    """Diameter of the nipple, mm; default: drawn by the seed from 8 to 16."""
 
     lymph_nodes: int | None
     """Number of lymph nodes towards the axilla; default: drawn by the seed, most often none or one,

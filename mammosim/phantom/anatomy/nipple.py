@@ -19,10 +19,9 @@ HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 4.5, 6.0, (1.5, 11.0)
 calipers it is 9 mm on average (Sanuki et al. 2009), half of that when it is not stimulated and lies
 between plates (assumed)."""
 
-DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 10.5, 1.5, (8.0, 14.0)
-"""Diameter: 13 mm on average (Sanuki et al. 2009). Compression widens tissue at the skin by up to
-1.45 times; a nipple, whose muscle is not modelled, would widen less, and is drawn narrower. How
-much, and the spread, are assumed."""
+DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 12.0, 1.8, (8.0, 16.0)
+"""Diameter: 13 mm on average (Sanuki et al. 2009), at the foot here a millimetre wider than
+stated; the spread is assumed."""
 
 ROOT_MM = (3.0, 8.0)
 """How far the nipple's fibrous tissue reaches below the skin. Assumed."""

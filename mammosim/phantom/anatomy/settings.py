@@ -51,7 +51,7 @@ class GenerateSettings(Settings):
     1.5 to 11, and up to 2 in one breast of twelve."""
 
     nipple_diameter_mm: float | None = Field(default=None, ge=6.0, le=16.0)
-    """Diameter of the nipple, mm; default: drawn by the seed from 8 to 14."""
+    """Diameter of the nipple, mm; default: drawn by the seed from 8 to 16."""
 
     lymph_nodes: int | None = Field(default=None, ge=0, le=8)
     """Number of lymph nodes towards the axilla; default: drawn by the seed, most often none or one,
