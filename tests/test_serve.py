@@ -59,7 +59,7 @@ def test_the_form_has_every_section_with_units_and_sentences():
     assert (thickness.label, thickness.kind) == ("Thickness, mm", "number")
     assert "population fit" in thickness.text
     assert by_key["compression.model"].choices == ("springs", "hyperelastic", "none")
-    assert by_key["compression.model"].default == "springs"
+    assert by_key["compression.model"].default == "hyperelastic"
     assert by_key["phantom.generate.density"].kind == "choice"
     assert by_key["export.dicom"].kind == "switch"
     assert by_key["views"].kind == "values"

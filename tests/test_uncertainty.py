@@ -37,7 +37,7 @@ from mammosim.targets import (
 from mammosim.targets.ellipsoid import prediction_ellipsoid
 
 KEYS = {
-    "springs": {"thickness_mm": 36.0, "resolution_mm": 4.0},
+    "springs": {"model": "springs", "thickness_mm": 36.0, "resolution_mm": 4.0},
     "hyperelastic": {
         "model": "hyperelastic", "chest_wall": "sliding", "thickness_mm": 36.0,
         "resolution_mm": 4.0,
@@ -225,7 +225,7 @@ def test_all_moduli_together_change_nothing_one_alone_does(sampler):
 
 
 LARGE = {
-    "springs": {"resolution_mm": 2.0},
+    "springs": {"model": "springs", "resolution_mm": 2.0},
     "hyperelastic": {"model": "hyperelastic", "chest_wall": "sliding", "resolution_mm": 5.0},
 }
 """Lattices large enough for threads to be woken: 80 000 nodes, and 4 000 with blocks of 126."""
