@@ -320,3 +320,17 @@ def test_levels_are_those_of_what_a_spot_paddle_presses():
     )
     assert plain < alone - 0.1
     assert told == pytest.approx(alone, abs=0.06)
+
+
+@pytest.mark.parametrize("upside_down", [False, True])
+def test_gland_that_touches_the_muscle_is_not_muscle(upside_down):
+    """A wedge of muscle that narrows along the wall, and a ball of gland of nearly its level."""
+    row, column = np.mgrid[:200, :150]
+    muscle = column < 50 - 0.4 * row
+    gland = (row - 100) ** 2 + (column - 70) ** 2 < 55**2
+    level = np.where(muscle, 1.0, np.where(gland, 0.9, 0.0))
+    if upside_down:
+        level, muscle, gland = level[::-1], muscle[::-1], gland[::-1]
+    found = muscle_of(2.0 + level, np.ones(level.shape, bool), 2.0, 0.45, 0.4)
+    assert (found & muscle).sum() > 0.95 * muscle.sum()
+    assert (found & gland & ~muscle).sum() < 0.15 * gland.sum()

@@ -27,6 +27,11 @@ MAX_PART = 0.35
 EDGE_MM = 2.0
 """Around the muscle, where it thins."""
 
+WIDENING_MM = 5.0
+"""By how much the muscle may be wider than anywhere nearer its corner (assumed: its edge is uneven
+by a few millimetres). It narrows along the chest wall, so what is wider is gland that touches
+it."""
+
 
 def muscle_of(
     equalised: NDArray[np.float64],
@@ -65,7 +70,22 @@ def muscle_of(
     bright = smooth > fat + EDGE_LEVEL * (max(levels) - fat)
     parts, _ = ndimage.label(beyond_discs(bright, OPENING_MM / cell_mm) <= 0.0)
     muscle = np.isin(parts, np.setdiff1d(parts[corner], 0))
+    muscle = _narrowing(muscle, corner, cell_mm)
     if muscle.sum() > MAX_PART * breast.sum():
         return np.zeros(breast.shape, bool)
     grown: NDArray[np.bool_] = distance_to(muscle) <= EDGE_MM / cell_mm
     return grown & breast
+
+
+def _narrowing(
+    muscle: NDArray[np.bool_], corner: tuple[slice, slice], cell_mm: float
+) -> NDArray[np.bool_]:
+    """What continues from the wall in each row, and is not wider than nearer the corner."""
+    flips = tuple(slice(None, None, -1 if at.start else 1) for at in corner)
+    seen = muscle[flips]
+    whole = ndimage.binary_fill_holes(np.pad(seen, ((1, 0), (1, 0)), constant_values=True))[1:, 1:]
+    width = np.where(whole.all(axis=1), whole.shape[1], np.argmin(whole, axis=1))
+    # A dark strand across the muscle is not its end.
+    width = ndimage.median_filter(width, 2 * round(WIDENING_MM / cell_mm / 2) + 1, mode="nearest")
+    limit = np.minimum.accumulate(width) + WIDENING_MM / cell_mm
+    return (seen & (np.arange(seen.shape[1]) < limit[:, None]))[flips]
