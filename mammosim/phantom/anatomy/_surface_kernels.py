@@ -74,7 +74,7 @@ def in_nipple(
         return depth < thick and across * across + up * up < wide * wide
     if s > height or s < -4.0:
         return False
-    wide = wide * (1.0 - (rise / height) ** nipple[6]) + FLARE_MM * np.exp(
+    wide = wide * np.sqrt(1.0 - (rise / height) ** nipple[6]) + FLARE_MM * np.exp(
         -max(s, 0.0) / FLARE_HEIGHT_MM
     )
     return wide > 0.0 and across * across + up * up < wide * wide
