@@ -84,7 +84,7 @@ def _narrowing(
     flips = tuple(slice(None, None, -1 if at.start else 1) for at in corner)
     seen = muscle[flips]
     whole = ndimage.binary_fill_holes(np.pad(seen, ((1, 0), (1, 0)), constant_values=True))[1:, 1:]
-    width = np.where(whole.all(axis=1), whole.shape[1], np.argmin(whole, axis=1))
+    width = np.argmin(np.pad(whole, ((0, 0), (0, 1))), axis=1)
     # A dark strand across the muscle is not its end.
     width = ndimage.median_filter(width, 2 * round(WIDENING_MM / cell_mm / 2) + 1, mode="nearest")
     limit = np.minimum.accumulate(width) + WIDENING_MM / cell_mm

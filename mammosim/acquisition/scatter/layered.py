@@ -195,7 +195,7 @@ def layered_scatter(
     energies, rows, columns = open_signal.shape
     reach = round(REACH_MM / grid.cell_mm)
     shape = [fft.next_fast_len(n + reach, real=True) for n in (rows, columns)]
-    offsets = _offsets(reach, shape)
+    offsets = _offsets(shape)
     radius = grid.cell_mm * np.hypot(*offsets)
     radius[radius > REACH_MM] = 1e6
     secant = np.sqrt(1.0 + grid.tangent((rows, columns)) ** 2)
@@ -277,7 +277,7 @@ def _far(
 ) -> NDArray[np.float64]:
     """The rest of that depth, as met close to the detector: on a way (cells), or straight above."""
     far = np.zeros(depths[0].shape)
-    place = np.indices(far.shape, np.float64)
+    place = () if way is None else np.indices(far.shape, np.float64)
     for weight, part, depth in _crossed(layers, depths):
         met = depth
         if way is not None:
@@ -322,12 +322,10 @@ def _kernels(
     return once, even * (sums[0] / sums[1])
 
 
-def _offsets(reach: int, shape: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rows and columns from cell [0, 0] of a torus to each cell; a million beyond the reach."""
+def _offsets(shape: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rows and columns from cell [0, 0] of a torus to each cell, the shorter way round."""
     axes = []
     for length in shape:
         away = np.arange(length, dtype=np.float64)
-        away = np.where(away > 0.5 * length, away - length, away)
-        away[np.abs(away) > reach] = 1e6
-        axes.append(away)
+        axes.append(np.where(away > 0.5 * length, away - length, away))
     return axes[0][:, None], axes[1][None, :]

@@ -8,6 +8,7 @@ are a connected net, which ends in the skin, at the muscle and in gland.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,27 @@ class Tissue:
     muscle_depth_mm: NDArray[np.float64]
     coordinates_mm: list[NDArray[np.float64]]
     frame: VoxelFrame
+
+    @cached_property
+    def inside(self) -> NDArray[np.int64]:
+        """Indices (n, 3) of points of the grid in tissue, with what is close to it."""
+        return np.argwhere((self.skin_depth_mm > -1.0) & (self.muscle_depth_mm < 2.0))
+
+    @cached_property
+    def places_mm(self) -> NDArray[np.float64]:
+        """Their coordinates in the foam, (n, 3)."""
+        return np.stack([part[tuple(self.inside.T)] for part in self.coordinates_mm], axis=-1)
+
+    @cached_property
+    def nearest(self) -> cKDTree:
+        """Finds the nearest of them by its coordinates in the foam."""
+        return cKDTree(self.places_mm)
+
+    @cached_property
+    def inverse_slope(self) -> NDArray[np.float64]:
+        """Steps of the index for the coordinates, at each of them, (n, 3, 3)."""
+        slopes = [np.stack(tuple(np.gradient(part)), axis=-1) for part in self.coordinates_mm]
+        return np.linalg.inv(np.stack(slopes, axis=-2)[tuple(self.inside.T)])
 
 
 def draw_threads(
@@ -171,9 +193,7 @@ def foam_edges(
 
 def _around(net: Net, tissue: Tissue) -> Net:
     """A net without the cells that lie farther from tissue than two others."""
-    inside = _inside(tissue)
-    points = np.stack([part[inside] for part in tissue.coordinates_mm], axis=-1)
-    index = np.floor((points - net.origin_mm) / net.cell_mm).astype(int)
+    index = np.floor((tissue.places_mm - net.origin_mm) / net.cell_mm).astype(int)
     near = np.zeros(net.seeds.shape[:3], bool)
     near[tuple(index.T)] = True
     near = ndimage.binary_dilation(near, np.ones((3, 3, 3), bool), iterations=2)
@@ -182,17 +202,9 @@ def _around(net: Net, tissue: Tissue) -> Net:
     return net._replace(seeds=seeds)
 
 
-def _inside(tissue: Tissue) -> NDArray[np.bool_]:
-    """Points of the grid in tissue, with what is close to it."""
-    inside: NDArray[np.bool_] = (tissue.skin_depth_mm > -1.0) & (tissue.muscle_depth_mm < 2.0)
-    return inside
-
-
 def _near(nodes_mm: NDArray[np.float64], tissue: Tissue) -> NDArray[np.bool_]:
     """Which nodes lie within or close to tissue."""
-    inside = _inside(tissue)
-    places = np.stack([part[inside] for part in tissue.coordinates_mm], axis=-1)
-    gap, _ = cKDTree(places).query(nodes_mm, distance_upper_bound=NEAR_MM)
+    gap, _ = tissue.nearest.query(nodes_mm, distance_upper_bound=NEAR_MM)
     near: NDArray[np.bool_] = np.isfinite(gap)
     return near
 
@@ -207,20 +219,18 @@ def _courses(ends: NDArray[np.float64], pieces: int, tissue: Tissue) -> NDArray[
 def _places(wanted: NDArray[np.float64], tissue: Tissue) -> NDArray[np.float64]:
     """Places whose coordinates in the foam are given: Newton's method with the slopes at the
     nearest point of the grid."""
-    fields, frame = tissue.coordinates_mm, tissue.frame
-    points = np.argwhere(_inside(tissue))
-    grid = np.stack([part[tuple(points.T)] for part in fields], axis=-1)
-    index = points[cKDTree(grid).query(wanted)[1]]
-    slope = np.stack([np.stack(tuple(np.gradient(part)), axis=-1) for part in fields], axis=-2)
-    inverse = np.linalg.inv(slope[tuple(index.T)])
-    at = index.astype(float)
+    number = tissue.nearest.query(wanted)[1]
+    inverse, at = tissue.inverse_slope[number], tissue.inside[number].astype(float)
     for _ in range(TURNS):
         here = np.stack(
-            [ndimage.map_coordinates(part, at.T, order=1, mode="nearest") for part in fields],
+            [
+                ndimage.map_coordinates(part, at.T, order=1, mode="nearest")
+                for part in tissue.coordinates_mm
+            ],
             axis=-1,
         )
         at += np.einsum("nij,nj->ni", inverse, wanted - here).clip(-1.0, 1.0)
-    return frame.position_mm(at)
+    return tissue.frame.position_mm(at)
 
 
 def _profiles(
