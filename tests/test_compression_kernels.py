@@ -10,8 +10,10 @@ from scipy.ndimage import map_coordinates
 from mammosim.compression._continuation_kernels import continue_one_layer, extrapolate_one_layer
 from mammosim.compression._inverse_kernels import (
     KUHN_TETRAHEDRA,
+    places_before,
     rasterise_inverse,
     refine_inverse,
+    shifts_back,
 )
 from mammosim.compression._lattice_kernels import gather_blocks, tissue_outline, tissue_reach
 
@@ -141,3 +143,19 @@ def expected_images(displacement, place):
         if n < 3:
             corner = corner + np.eye(3, dtype=int)[order[n]]
     return moved
+
+
+def test_places_before_are_the_points_and_their_shifts_back():
+    rng = np.random.default_rng(7)
+    shape, per_cell, shift = (4, 3, 5), 2.0, np.array([-2.0, 1.0, -3.0])
+    origin, spacing = np.array([5.0, -7.0, 1.0]), np.array([3.0, 2.0, 1.5])
+    points = (np.stack(np.indices(shape), axis=-1) + shift) / per_cell
+    original, rank = rng.random((*shape, 3)), rng.integers(0, 3, shape).astype(np.int8)
+    back = np.zeros((3, *shape))
+    shifts_back(original, rank, per_cell, shift, back)
+    expected = np.where((rank > 0)[..., None], original - points, 0.0)
+    np.testing.assert_allclose(np.moveaxis(back, 0, -1), expected, atol=1e-14)
+    found = np.empty((*shape, 3), np.float32)
+    places_before(back, rank.astype(np.int32), per_cell, shift, origin, spacing, found)
+    places = np.where((rank > 0)[..., None], origin + original * spacing, np.nan)
+    np.testing.assert_allclose(found, places, rtol=1e-6)  # float32

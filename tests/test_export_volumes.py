@@ -12,6 +12,7 @@ from make_records import make_compressed
 
 from mammosim.errors import InputError
 from mammosim.export import write_displacement, write_labels
+from mammosim.export.volumes import _place, x_fastest
 from mammosim.geometry import View, VoxelFrame
 
 VIEWS = [View(name, side) for name in ("CC", "MLO", "ML") for side in "LR"]
@@ -75,6 +76,19 @@ def test_vectors_are_32_bit_with_three_components(tmp_path):
     image = sitk.ReadImage(str(tmp_path / "d.nii.gz"))
     assert image.GetPixelID() == sitk.sitkVectorFloat32
     assert image.GetNumberOfComponentsPerPixel() == 3
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.int16, np.float32])
+def test_layer_by_layer_is_what_itk_writes_at_once(tmp_path, monkeypatch, kind):
+    monkeypatch.setattr("mammosim.export.volumes._BYTES_AT_ONCE", 1 << 14)
+    values = np.random.default_rng(5).integers(0, 90, (70, 66, 9)).astype(kind)
+    frame, rotation = VoxelFrame(FRAME.origin_mm, FRAME.spacing_mm, values.shape), VIEWS[2].rotation
+    write_labels(values, frame, rotation, tmp_path / "c.nii")
+    image = sitk.GetImageFromArray(np.ascontiguousarray(values.transpose(2, 1, 0)))
+    _place(image, frame, rotation)
+    sitk.WriteImage(image, str(tmp_path / "itk.nii"))
+    assert (tmp_path / "c.nii").read_bytes() == (tmp_path / "itk.nii").read_bytes()
+    np.testing.assert_array_equal(x_fastest(values), values.transpose(2, 1, 0))
 
 
 def test_reruns_are_identical_and_the_archive_has_no_time(tmp_path):

@@ -1,4 +1,4 @@
-"""Kernels on label volumes: bodies joined by faces."""
+"""Kernels on label volumes: bodies joined by faces, and what a view leaves out."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import pytest
 from naive import phantom as naive
 
 from mammosim.phantom._body_kernels import count_runs, find_runs
+from mammosim.phantom._open_end_kernels import CoarseDepth, leave_out
 from mammosim.phantom.bodies import find_bodies
 
 
@@ -38,3 +39,22 @@ def test_runs_are_the_unbroken_stretches_of_each_column(shape):
     find_runs(labels, out_span, out_first)
     np.testing.assert_array_equal(out_span, np.reshape(spans, (-1, 2)))
     np.testing.assert_array_equal(out_first, first)
+
+
+def test_what_a_view_leaves_out_agrees_with_the_twin():
+    rng = np.random.default_rng(8)
+    labels = rng.integers(0, 4, (9, 8, 7)).astype(np.uint8)
+    labels[:, 5] = labels[:, :, 6] = 0  # a row and a column without tissue
+    cells = [np.arange(size) // 3 for size in labels.shape]
+    parts = [(np.arange(size) % 3 / 3.0).astype(np.float32) for size in labels.shape]
+    places = [of_axis for pair in zip(cells, parts, strict=True) for of_axis in pair]
+    depth = rng.uniform(-3.0, 5.0, (4, 4, 4)).astype(np.float32)
+    coarse = CoarseDepth(depth, np.float32(1.5), *places)
+    box = np.array([[1, 9], [0, 7], [2, 7]])
+    expected = naive.left_out(labels, coarse, box, 0.6, skin=9, nipple=3)
+    assert 20 < (expected != labels).sum() < (labels != 0).sum()
+    rows, columns = np.zeros((9, 8), bool), np.zeros((9, 7), bool)
+    leave_out(coarse, box, np.float32(0.6), np.array([9, 3], np.uint8), labels, rows, columns)
+    np.testing.assert_array_equal(labels, expected)
+    np.testing.assert_array_equal(rows, expected.any(axis=2))
+    np.testing.assert_array_equal(columns, expected.any(axis=1))

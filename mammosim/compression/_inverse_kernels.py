@@ -183,3 +183,32 @@ def _miss_and_gradient(displacement, place, wanted, low, part, miss, gradient):
             gradient[d, 0] += (2 * a - 1) * y * z * value
             gradient[d, 1] += x * (2 * b - 1) * z * value
             gradient[d, 2] += x * y * (2 * c - 1) * value
+
+
+@parallel_kernel
+def shifts_back(thread, original, rank, per_cell, shift, out):
+    """``out`` [axis, x, y, z]: from each covered grid point to its place at rest, lattice units."""
+    for i in share(thread, 0, rank.shape[0]):
+        for j in range(rank.shape[1]):
+            for k in range(rank.shape[2]):
+                if rank[i, j, k] > 0:
+                    out[0, i, j, k] = original[i, j, k, 0] - (i + shift[0]) / per_cell
+                    out[1, i, j, k] = original[i, j, k, 1] - (j + shift[1]) / per_cell
+                    out[2, i, j, k] = original[i, j, k, 2] - (k + shift[2]) / per_cell
+
+
+@parallel_kernel
+def places_before(thread, back, layer, per_cell, shift, origin_mm, spacing_mm, out):
+    """``out`` [x, y, z, axis]: place at rest, mm, of each grid point that has a layer; else NaN."""
+    for i in share(thread, 0, layer.shape[0]):
+        for j in range(layer.shape[1]):
+            for k in range(layer.shape[2]):
+                if layer[i, j, k] == 0:
+                    out[i, j, k, 0] = out[i, j, k, 1] = out[i, j, k, 2] = np.nan
+                    continue
+                x = (i + shift[0]) / per_cell + back[0, i, j, k]
+                y = (j + shift[1]) / per_cell + back[1, i, j, k]
+                z = (k + shift[2]) / per_cell + back[2, i, j, k]
+                out[i, j, k, 0] = origin_mm[0] + x * spacing_mm[0]
+                out[i, j, k, 1] = origin_mm[1] + y * spacing_mm[1]
+                out[i, j, k, 2] = origin_mm[2] + z * spacing_mm[2]

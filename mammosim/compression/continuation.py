@@ -13,16 +13,6 @@ def continued(
 ) -> NDArray[np.floating]:
     """Copy of a field in which air near tissue moves with the tissue beside it.
 
-    As `continued_with_reach`, which also says how far.
-    """
-    return continued_with_reach(field, tissue, layers, straight)[0]
-
-
-def continued_with_reach(
-    field: NDArray[np.floating], tissue: NDArray[np.bool_], layers: int, straight: int = 0
-) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
-    """Copy of a field in which air near tissue moves with the tissue beside it, and where it does.
-
     Parameters
     ----------
     field : ndarray, [component, x, y, z]
@@ -35,14 +25,28 @@ def continued_with_reach(
 
     Returns
     -------
-    continued : ndarray, [component, x, y, z]
-    reached : ndarray of bool, [x, y, z]
-        Tissue, and the air to which it is continued.
+    ndarray, [component, x, y, z]
     """
     copy = np.where(tissue, field, field.dtype.type(0.0))
+    continue_into_air(copy, tissue, layers, straight)
+    return copy
+
+
+def continue_into_air(
+    field: NDArray[np.floating], tissue: NDArray[np.bool_], layers: int, straight: int = 0
+) -> NDArray[np.int32]:
+    """Let air near tissue move with the tissue beside it, in a field that is 0 in air.
+
+    The parameters are those of `continued`; the field itself is changed.
+
+    Returns
+    -------
+    ndarray of int32, [x, y, z]
+        1 in tissue, higher in each layer of air that was reached, 0 beyond.
+    """
     layer = tissue.astype(np.int32)
     for number in range(2, layers + 2):
         if number < straight + 2:
-            extrapolate_one_layer(copy, layer, number)
-        continue_one_layer(copy, layer, number)
-    return copy, layer > 0
+            extrapolate_one_layer(field, layer, number)
+        continue_one_layer(field, layer, number)
+    return layer

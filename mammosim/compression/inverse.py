@@ -11,10 +11,12 @@ from scipy.ndimage import distance_transform_cdt
 from mammosim.compression._inverse_kernels import (
     KUHN_TETRAHEDRA,
     MAX_DEPTH,
+    places_before,
     rasterise_inverse,
     refine_inverse,
+    shifts_back,
 )
-from mammosim.compression.continuation import continued_with_reach
+from mammosim.compression.continuation import continue_into_air
 from mammosim.geometry import VoxelFrame
 
 RIM_LAYERS = 1
@@ -72,32 +74,22 @@ def invert(
     shift = np.floor(moved.min(axis=0)) - 2.0
     nx, ny, nz = (int(n) for n in np.ceil(moved.max(axis=0)) + 3.0 - shift)
     shape = (nx, ny, nz)
-    original = np.full((*shape, 3), np.nan)
+    original = np.empty((*shape, 3))
     rank = np.zeros(shape, np.int8)
     depth = distance_transform_cdt(np.pad(tissue, 1))[1:-1, 1:-1, 1:-1]  # beyond the lattice is air
     depth = np.minimum(depth, MAX_DEPTH).astype(np.int8)
     rasterise_inverse(displacement, depth, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank)
     if per_cell > 1:
         refine_inverse(displacement, float(per_cell), shift, rank, original)
-    covered = rank > 0
     shift_back = np.zeros((3, *shape))
-    for axis, grid in enumerate(_grid(shape, shift, per_cell)):
-        shift_back[axis] = np.where(covered, original[..., axis] - grid, 0.0)
+    shifts_back(original, rank, float(per_cell), shift, shift_back)
     del original  # which is large
-    back, reached = continued_with_reach(shift_back, covered, per_cell * RIM_LAYERS)
+    layer = continue_into_air(shift_back, rank > 0, per_cell * RIM_LAYERS)
     original_mm = np.empty((*shape, 3), np.float32)
-    for axis, grid in enumerate(_grid(shape, shift, per_cell)):
-        place = np.where(reached, grid + back[axis], np.nan)
-        original_mm[..., axis] = frame.origin_mm[axis] + place * frame.spacing_mm[axis]
+    places_before(
+        shift_back, layer, float(per_cell), shift, frame.origin_mm, frame.spacing_mm, original_mm
+    )
     inverse_frame = VoxelFrame(
         frame.position_mm(shift / per_cell), frame.spacing_mm / per_cell, shape
     )
     return InverseMap(inverse_frame, original_mm)
-
-
-def _grid(
-    shape: tuple[int, int, int], shift: NDArray[np.float64], per_cell: int
-) -> list[NDArray[np.float64]]:
-    """Coordinates of the grid's points along each axis, lattice units, ready to be broadcast."""
-    axes = np.ogrid[tuple(slice(0, size) for size in shape)]
-    return [(axis + low) / per_cell for axis, low in zip(axes, shift, strict=True)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,9 @@ MAX_SAMPLES = 10
 
 MUSCLE_REACH_MM = 12.0
 """Muscle that reaches further forward than this lies between the plates and must deform, mm."""
+
+_counted: WeakKeyDictionary[BreastPhantom, dict[bytes, NDArray[np.int64]]] = WeakKeyDictionary()
+"""What `_layer_counts` found: volume, muscle and box of one breast are asked for many times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +78,12 @@ class PosteriorLimits:
 
 def posterior_limits(breast: BreastPhantom) -> PosteriorLimits:
     """Where the chest wall is (outer face of the first tissue layer) and how far muscle reaches."""
-    layers = np.zeros(breast.labels.shape[0], np.int64)
-    tissue_reach(breast.labels, np.arange(256) > 0, layers)
-    some = np.flatnonzero(layers)
+    some = np.flatnonzero(_layer_counts(breast, np.arange(256) > 0))
     if some.size == 0:
         raise InputError(f"{breast.source}: no tissue, every voxel is air")
     face = breast.origin_mm[0] - 0.5 * breast.voxel_mm[0]
     chest_wall = face + some[0] * breast.voxel_mm[0]
-    tissue_reach(breast.labels, _table(breast, "muscle"), layers)
-    some = np.flatnonzero(layers)
+    some = np.flatnonzero(_layer_counts(breast, _table(breast, "muscle")))
     muscle = face + (some[-1] + 1) * breast.voxel_mm[0] if some.size else chest_wall
     return PosteriorLimits(float(chest_wall), float(muscle))
 
@@ -228,10 +229,8 @@ def breast_volume_ml(breast: BreastPhantom) -> float:
         Voxels that hold tissue times the volume of a voxel, mL. Skin and lesions count; air and
         muscle do not.
     """
-    layers = np.zeros(breast.labels.shape[0], np.int64)
     wanted = (np.arange(256) > 0) & ~_table(breast, "muscle")
-    tissue_reach(breast.labels, wanted, layers)
-    return float(layers.sum() * breast.voxel_mm.prod() * 1e-3)
+    return float(_layer_counts(breast, wanted).sum() * breast.voxel_mm.prod() * 1e-3)
 
 
 def bounds_mm(breast: BreastPhantom, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -248,11 +247,20 @@ def bounds_mm(breast: BreastPhantom, view: View) -> tuple[NDArray[np.float64], N
     points = np.stack(np.broadcast_arrays(0.0, y[:, :, None], z[:, None, :]), axis=-1)
     rotated = view.compression_from_breast(points.reshape(-1, 3))
     low, high = rotated.min(axis=0), rotated.max(axis=0)
-    layers = np.zeros(breast.labels.shape[0], np.int64)
-    tissue_reach(breast.labels, np.arange(256) > 0, layers)
-    ends = np.flatnonzero(layers)[[0, -1]] + np.array([-0.5, 0.5])
+    layers = np.flatnonzero(_layer_counts(breast, np.arange(256) > 0))
+    ends = layers[[0, -1]] + np.array([-0.5, 0.5])
     low[0], high[0] = breast.origin_mm[0] + ends * breast.voxel_mm[0]
     return low, high
+
+
+def _layer_counts(breast: BreastPhantom, wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """How many voxels of each layer of constant x have one of the wanted labels."""
+    known = _counted.setdefault(breast, {})
+    key = wanted.tobytes()
+    if key not in known:
+        known[key] = np.zeros(breast.labels.shape[0], np.int64)
+        tissue_reach(breast.labels, wanted, known[key])
+    return known[key]
 
 
 def _frame_around(

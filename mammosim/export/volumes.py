@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import gzip
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import SimpleITK as sitk
@@ -33,6 +34,12 @@ LPS_FROM_BREAST: NDArray[np.float64] = np.array(
 
 _BYTES_AT_ONCE = 1 << 24
 """Voxels are written in pieces of this size, so that no second copy is in memory."""
+
+_BLOCK = 64
+"""Side of the blocks in which axes are exchanged: 64 rows of a processor's cache at a time."""
+
+_NIFTI_SIZES = 42
+"""Where a NIfTI-1 header keeps the sizes along x, y and z, `dim[1..3]`, as 16-bit numbers."""
 
 GZIP_LEVEL = 1
 """Of NIfTI files. Labels of 28 MB take 0.12 s and 3.1 MB with it, 0.57 s and 2.4 MB with 6."""
@@ -95,7 +102,7 @@ def write_displacement(field: DisplacementField, path: str | PathLike[str]) -> N
         np.ascontiguousarray(vectors.transpose(2, 1, 0, 3)), isVector=True
     )
     _place(image, field.frame, field.rotation)
-    _write(image, path, vectors.nbytes)
+    _write(image, path)
 
 
 def write_lattice(field: DisplacementField, path: str | PathLike[str]) -> None:
@@ -166,7 +173,7 @@ def write_slices(volume: Reconstruction, path: str | PathLike[str]) -> None:
     image.SetSpacing([float(step) for step in spacing_mm])
     image.SetOrigin([float(at) for at in first_mm])
     image.SetDirection([float(cosine) for cosine in (steps_mm / spacing_mm).ravel()])
-    _write(image, path, volume.slices.nbytes)
+    _write(image, path)
 
 
 def slices_in_patient(
@@ -281,42 +288,94 @@ def _write_scalars(
     path: str | PathLike[str],
     fields: Mapping[str, str] | None = None,
 ) -> None:
-    image = sitk.GetImageFromArray(np.ascontiguousarray(values.transpose(2, 1, 0)))
+    if Path(path).name.endswith((".nii", ".nii.gz")):
+        _write_nifti(values, frame, rotation, path)
+        return
+    image = sitk.GetImageFromArray(x_fastest(values))
     for key, text in (fields or {}).items():
         image.SetMetaData(key, text)
     _place(image, frame, rotation)
-    _write(image, path, values.nbytes)
+    _write(image, path)
 
 
-def _write(image: sitk.Image, path: str | PathLike[str], data_bytes: int) -> None:
+def _write_nifti(
+    values: NDArray[Any],
+    frame: VoxelFrame,
+    rotation: NDArray[np.float64],
+    path: str | PathLike[str],
+) -> None:
+    """Write scalars as ITK would, a few layers at a time: no copy of them is in memory or on disk.
+
+    ITK writes the header, that of a single voxel; where NIfTI-1 keeps the size, it is filled in.
+    """
+    layers = max(_BYTES_AT_ONCE // values[:, :, :1].nbytes, 1)
     with whole_file(path) as part:
-        if part.name.endswith(".nii.gz"):
-            plain = part.with_suffix("")
-            try:
-                _write_by_itk(image, plain, data_bytes)
-                _zip(plain, part)
-            finally:
-                plain.unlink(missing_ok=True)
-        else:
-            _write_by_itk(image, part, data_bytes)
+        one = sitk.GetImageFromArray(np.zeros((1, 1, 1), values.dtype))
+        _place(one, frame, rotation)
+        alone = part.with_name(f"{part.name}.header.nii")
+        try:
+            _write_by_itk(one, alone)
+            header = bytearray(alone.read_bytes()[: -values.itemsize])
+        finally:
+            alone.unlink(missing_ok=True)
+        sizes = np.array(values.shape, np.int16).tobytes()
+        header[_NIFTI_SIZES : _NIFTI_SIZES + len(sizes)] = sizes
+        with _opened(part) as stream:
+            stream.write(header)
+            for low in range(0, values.shape[2], layers):
+                stream.write(x_fastest(values[:, :, low : low + layers]).data)
 
 
-def _write_by_itk(image: sitk.Image, path: Path, data_bytes: int) -> None:
+@contextmanager
+def _opened(part: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
+    """A file to write to, compressed where its name says so."""
+    with part.open("wb") as file:
+        if part.suffix != ".gz":
+            yield file
+            return
+        # Without name and time: the same content gives the same bytes.
+        with gzip.GzipFile("", "wb", GZIP_LEVEL, file, mtime=0) as stream:
+            yield stream
+
+
+def x_fastest(values: NDArray[Any]) -> NDArray[Any]:
+    """Copy of an array [x, y, z] as [z, y, x] with x contiguous, as files hold volumes.
+
+    Made block by block: whole columns would meet each line of the processor's cache anew for
+    every voxel of it.
+    """
+    nx, ny, nz = values.shape
+    turned = np.empty((nz, ny, nx), values.dtype)
+    for k in range(0, nz, _BLOCK):
+        for i in range(0, nx, _BLOCK):
+            for j in range(0, ny, _BLOCK):
+                block = np.s_[i : i + _BLOCK, j : j + _BLOCK, k : k + _BLOCK]
+                turned[block[::-1]] = values[block].T
+    return turned
+
+
+def _write(image: sitk.Image, path: str | PathLike[str]) -> None:
+    """Write a small image, or one of a format that ITK itself compresses."""
+    with whole_file(path) as part:
+        if not part.name.endswith(".nii.gz"):
+            _write_by_itk(image, part)
+            return
+        plain = part.with_suffix("")
+        try:
+            _write_by_itk(image, plain)
+            with plain.open("rb") as source, _opened(part) as stream:
+                shutil.copyfileobj(source, stream, _BYTES_AT_ONCE)
+        finally:
+            plain.unlink(missing_ok=True)
+
+
+def _write_by_itk(image: sitk.Image, path: Path) -> None:
     try:
         sitk.WriteImage(image, utf8_path(path), useCompression=True)
     except RuntimeError as error:
         raise OSError(str(error).strip().splitlines()[-1]) from error
     # Of its formats, ITK does not notice a full disk where it writes NIfTI.
-    if path.suffix == ".nii" and path.stat().st_size < data_bytes:
+    voxel_bytes = image.GetSizeOfPixelComponent() * image.GetNumberOfComponentsPerPixel()
+    if path.suffix == ".nii" and path.stat().st_size < image.GetNumberOfPixels() * voxel_bytes:
         free_mb = shutil.disk_usage(path.parent).free // 1_000_000
         raise OSError(f"written incompletely; {free_mb} MB free on the disk")
-
-
-def _zip(plain: Path, zipped: Path) -> None:
-    """Compress a file; the same content gives the same bytes, whenever and by what name."""
-    with (
-        plain.open("rb") as source,
-        zipped.open("wb") as target,
-        gzip.GzipFile("", "wb", GZIP_LEVEL, target, mtime=0) as stream,
-    ):
-        shutil.copyfileobj(source, stream, _BYTES_AT_ONCE)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mammosim.errors import InputError
 from mammosim.export.atomic import whole_file
 from mammosim.export.metaimage_files import write_metaimage
-from mammosim.export.volumes import write_labels
+from mammosim.export.volumes import write_labels, x_fastest
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom import BREAST_AXES, TIFF_AXES_KEY
 
@@ -55,7 +55,7 @@ def _write_tiff(values: NDArray[np.integer[Any]], frame: VoxelFrame, path: Path)
     }  # fmt: skip
     with whole_file(path) as part:
         tifffile.imwrite(
-            part, np.ascontiguousarray(values.transpose(2, 1, 0)), imagej=True,
+            part, x_fastest(values), imagej=True,
             resolution=(1.0 / width, 1.0 / height), metadata=described,
         )  # fmt: skip
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.errors import InputError
+from mammosim.phantom._open_end_kernels import CoarseDepth, leave_out
 from mammosim.phantom.breast import BreastPhantom, OpenEnd
 from mammosim.tissues import TISSUES
 
@@ -46,6 +48,10 @@ def as_held(breast: BreastPhantom, long_side: NDArray[np.float64]) -> BreastPhan
     return breast if leaves_picture(breast, long_side) else without_open_end(breast)
 
 
+_latest: list[tuple[ref[BreastPhantom], BreastPhantom]] = []
+"""The breast asked for last and its held part: a run checks first that it can be compressed."""
+
+
 def without_open_end(breast: BreastPhantom) -> BreastPhantom:
     """The breast without its way to the axilla, as other views than oblique ones hold it.
 
@@ -59,11 +65,21 @@ def without_open_end(breast: BreastPhantom) -> BreastPhantom:
 
     Notes
     -----
-    A copy of the labels is made, of the box around what remains.
+    A copy of the labels is made, of the box around what remains; that of the breast asked for last
+    is kept as long as that breast is.
     """
-    end = breast.open_end
-    if end is None:
+    if breast.open_end is None:
         return breast
+    kept = _latest[:]
+    if not kept or kept[0][0]() is not breast:
+        kept = [
+            (ref(breast, lambda gone: _latest.clear()), _without_axilla(breast, breast.open_end))
+        ]
+        _latest[:] = kept
+    return kept[0][1]
+
+
+def _without_axilla(breast: BreastPhantom, end: OpenEnd) -> BreastPhantom:
     problems = [
         f"{kind} '{thing.name}' at {np.round(thing.position_mm, 1).tolist()} mm lies towards the "
         f"axilla, which only oblique views show; move it or remove the other views"
@@ -73,8 +89,7 @@ def without_open_end(breast: BreastPhantom) -> BreastPhantom:
     ]
     if problems:
         raise InputError(problems)
-    labels = _held_labels(breast, end)
-    rows, columns = (np.flatnonzero(labels.any(axis=axes)) for axes in ((0, 2), (0, 1)))
+    labels, rows, columns = _held_labels(breast, end)
     low = [max(int(found[0]) - 1, 0) for found in (rows, columns)]
     box = np.s_[:, low[0] : rows[-1] + 2, low[1] : columns[-1] + 2]
     origin = breast.origin_mm + breast.voxel_mm * [0, *low]
@@ -82,37 +97,36 @@ def without_open_end(breast: BreastPhantom) -> BreastPhantom:
     return dataclasses.replace(breast, labels=held, origin_mm=origin, open_end=None)
 
 
-def _held_labels(breast: BreastPhantom, end: OpenEnd) -> NDArray[np.uint8]:
-    """Labels with air and skin where they are once the axilla is left out."""
+def _held_labels(
+    breast: BreastPhantom, end: OpenEnd
+) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]:
+    """Labels with air and skin where they are once the axilla is left out.
+
+    Also the indices along y and z at which there is tissue.
+    """
     labels = breast.labels.copy()
-    skin, nipple = TISSUES["skin"].label, TISSUES["nipple"].label
     changed = np.argwhere(end.held_depth_mm < end.skin_mm + 2.0 * end.held_frame.spacing_mm[0])
-    if not len(changed):
-        return labels
-    # Only the box in which the depth is small is looked at.
-    ends = end.held_frame.position_mm(np.array([changed.min(axis=0) - 1, changed.max(axis=0) + 1]))
-    index = np.clip(np.rint(breast.frame.index(ends)).astype(int), 0, labels.shape)
-    box = tuple(slice(first, last) for first, last in index.T)
-    places = [
-        _places(breast, end, axis, np.arange(part.start, part.stop))
-        for axis, part in enumerate(box)
-    ]
-    voxel = np.float32(breast.voxel_mm.min())
-    field = end.held_depth_mm
-    for i, (low, part) in zip(
-        range(box[0].start, box[0].stop), zip(*places[0], strict=True), strict=True
-    ):
-        plane = field[low] + np.float32(part) * (field[low + 1] - field[low])
-        depth = _interpolated(_interpolated(plane, *places[1]).T, *places[2]).T
-        # Half a voxel to either side, column by column: the surface draws no contour lines.
-        rows = np.arange(box[1].start, box[1].stop)
-        turn = 0.7548776662466927 * i + 0.5698402909980532 * rows
-        depth += voxel * (turn - np.floor(turn) - 0.5).astype(np.float32)[:, None]
-        layer = labels[i, box[1], box[2]]
-        tissue = (layer != 0) & (layer != nipple)
-        layer[tissue & (depth < end.skin_mm)] = skin
-        layer[tissue & (depth < 0.0)] = 0
-    return labels
+    box = np.zeros((3, 2), np.int64)
+    if len(changed):
+        # Only the box in which the depth is small is looked at.
+        ends = np.array([changed.min(axis=0) - 1, changed.max(axis=0) + 1])
+        index = np.rint(breast.frame.index(end.held_frame.position_mm(ends))).astype(np.int64)
+        box = np.clip(index, 0, labels.shape).T
+    (cells_x, part_x), (cells_y, part_y), (cells_z, part_z) = (
+        _places(breast, end, axis, np.arange(count)) for axis, count in enumerate(labels.shape)
+    )
+    coarse = CoarseDepth(
+        end.held_depth_mm, np.float32(end.skin_mm), cells_x, part_x, cells_y, part_y, cells_z,
+        part_z,
+    )  # fmt: skip
+    table = np.array([TISSUES["skin"].label, TISSUES["nipple"].label], np.uint8)
+    used_rows = np.zeros((labels.shape[0], labels.shape[1]), bool)
+    used_columns = np.zeros((labels.shape[0], labels.shape[2]), bool)
+    leave_out(
+        coarse, box, np.float32(breast.voxel_mm.min()), table, labels, used_rows, used_columns
+    )
+    rows, columns = (np.flatnonzero(used.any(axis=0)) for used in (used_rows, used_columns))
+    return labels, rows, columns
 
 
 def _places(
@@ -124,12 +138,3 @@ def _places(
     cells = np.clip(cells, 0.0, end.held_depth_mm.shape[axis] - 1.001)
     low = cells.astype(np.int64)
     return low, (cells - low).astype(np.float32)
-
-
-def _interpolated(
-    values: NDArray[np.float32], low: NDArray[np.int64], part: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Linear interpolation along the first axis."""
-    first = values[low]
-    between: NDArray[np.float32] = first + part[:, None] * (values[low + 1] - first)
-    return between

@@ -135,16 +135,24 @@ def carry_labels(
     grid. The nodes are interpolated trilinearly; air where a corner is missing.
     """
     nk = nodes.shape[2]
+    nx, ny, nz = labels.shape
     for a in share(thread, 0, axis_u.size):
         line = np.empty((nk, 3))
-        place = np.empty(3)
         for b in range(axis_v.size):
+            some = False
             for k in range(nk):
                 here = value_on_plane(nodes, axis_u[a], axis_v[b], k)
                 line[k, 0], line[k, 1], line[k, 2] = here[0], here[1], here[2]
+                some |= not math.isnan(here[0])
             for c in range(axis_k.size):
-                k = min(int(axis_k[c]), nk - 2)
-                fk = axis_k[c] - k
-                for part in range(3):
-                    place[part] = (1.0 - fk) * line[k, part] + fk * line[k + 1, part]
-                out_labels[a, b, c] = _label_at(place, labels)
+                label = np.uint8(0)
+                if some:
+                    k = min(int(axis_k[c]), nk - 2)
+                    fk = axis_k[c] - k
+                    at, after = np.uint64(k), np.uint64(k + 1)
+                    x = (1.0 - fk) * line[at, 0] + fk * line[after, 0]
+                    y = (1.0 - fk) * line[at, 1] + fk * line[after, 1]
+                    z = (1.0 - fk) * line[at, 2] + fk * line[after, 2]
+                    if 0.0 <= x < nx and 0.0 <= y < ny and 0.0 <= z < nz:
+                        label = labels[np.uint64(int(x)), np.uint64(int(y)), np.uint64(int(z))]
+                out_labels[a, b, c] = label

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from threading import Lock
 from weakref import ref
 
 import numpy as np
@@ -43,6 +44,9 @@ class VoxelMap:
 _latest: list[tuple[ref[CompressedBreast], VoxelMap]] = []
 """The map made last and whose it is: projection and scatter of one view need the same."""
 
+_making = Lock()
+"""A view's volumes are written beside its projection: the second to ask waits for the first."""
+
 
 def voxel_map(compressed: CompressedBreast) -> VoxelMap:
     """Fold rotation and voxel grid into the inverse map, and find the density at its nodes.
@@ -67,9 +71,12 @@ def voxel_map(compressed: CompressedBreast) -> VoxelMap:
     nodes it is interpolated. A density that jumped from cell to cell would draw the grid into the
     picture. The map of the breast asked for last is kept as long as that breast is.
     """
-    if not _latest or _latest[0][0]() is not compressed:
-        _latest[:] = [(ref(compressed, lambda gone: _latest.clear()), _made_map(compressed))]
-    return _latest[0][1]
+    with _making:
+        kept = _latest[:]
+        if not kept or kept[0][0]() is not compressed:
+            kept = [(ref(compressed, lambda gone: _latest.clear()), _made_map(compressed))]
+            _latest[:] = kept
+        return kept[0][1]
 
 
 def _made_map(compressed: CompressedBreast) -> VoxelMap:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from mammosim._wording import counted
 from mammosim.acquisition import Mammogram
@@ -11,9 +12,10 @@ from mammosim.compression import CompressedBreast
 from mammosim.geometry import Gantry, View
 from mammosim.reconstruction import Reconstruction
 from mammosim.report.crop import Crop, common_crops
-from mammosim.report.figures import picture_data_uri
+from mammosim.report.figures import convergence_svg, picture_data_uri
 from mammosim.report.labels import Label, Marked, place_labels, sampled
 from mammosim.report.markers import Marker, markers
+from mammosim.report.realism import Finding, appearance_findings, realism
 from mammosim.report.settings import ReportSettings
 from mammosim.targets import Target
 
@@ -40,6 +42,28 @@ class ReportedView:
     compressed: CompressedBreast
     mammogram: Mammogram | None = None
     reconstruction: Reconstruction | None = None
+
+    @cached_property
+    def convergence(self) -> str:
+        """Drawing of the solver's history, SVG; empty if there is nothing to draw."""
+        return convergence_svg(self.compressed.history, self.compressed.view.folder)
+
+    @cached_property
+    def findings(self) -> list[Finding]:
+        """Its numbers beside published ones; none before the exposure."""
+        return realism(self.compressed, self.mammogram) if self.mammogram else []
+
+    @cached_property
+    def appearance(self) -> dict[str, Finding]:
+        """How its image looks, by key; nothing before the exposure."""
+        if self.mammogram is None:
+            return {}
+        return appearance_findings(self.compressed.view.name, self.mammogram)
+
+    def prepare(self) -> None:
+        """Compute now what the page needs of this view alone, which takes seconds."""
+        for part in ("convergence", "findings", "appearance"):
+            getattr(self, part)
 
 
 @dataclass(frozen=True)

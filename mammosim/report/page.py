@@ -11,13 +11,11 @@ from markupsafe import Markup
 from mammosim._wording import counted
 from mammosim.report.appearance import MEASURES
 from mammosim.report.facts import compression_rows, exposure_rows, lesions_seen
-from mammosim.report.figures import convergence_svg
 from mammosim.report.glance import glance
 from mammosim.report.hanging import ReportedView, hanging, hanging_order, targets_of
 from mammosim.report.lesion_shift import shift_section
 from mammosim.report.markers import shift_arrows
 from mammosim.report.quantities import NOT_KNOWN
-from mammosim.report.realism import appearance_findings, realism
 from mammosim.report.settings import ReportSettings
 from mammosim.report.slices import slice_stacks
 from mammosim.report.templates import template
@@ -146,17 +144,16 @@ def _convergence(views: Sequence[ReportedView]) -> list[tuple[str, int, Markup]]
     """Name, number of rows and drawing of each view that has a history."""
     drawn = []
     for view in views:
-        name = view.compressed.view.folder
-        svg = convergence_svg(view.compressed.history, name)
-        if svg:
+        if view.convergence:
             # Drawn by matplotlib from column names and numbers, which it escapes itself.
-            drawn.append((name, len(view.compressed.history), Markup(svg)))
+            svg, rows = Markup(view.convergence), len(view.compressed.history)
+            drawn.append((view.compressed.view.folder, rows, svg))
     return drawn
 
 
 def _realism_rows(views: Sequence[ReportedView]) -> list[dict[str, Any]]:
     """One row a quantity, with what each exposed view has of it."""
-    of_view = [realism(view.compressed, view.mammogram) for view in views if view.mammogram]
+    of_view = [view.findings for view in views if view.mammogram]
     return [
         {"name": row[0].name, "unit": row[0].unit, "source": row[0].source, "findings": row}
         for row in zip(*of_view, strict=True)
@@ -165,11 +162,7 @@ def _realism_rows(views: Sequence[ReportedView]) -> list[dict[str, Any]]:
 
 def _appearance_rows(views: Sequence[ReportedView]) -> list[dict[str, Any]]:
     """One row a measure, with what each exposed view has of it; None where it has no range."""
-    of_view = [
-        appearance_findings(view.compressed.view.name, view.mammogram)
-        for view in views
-        if view.mammogram
-    ]
+    of_view = [view.appearance for view in views if view.mammogram]
     return [
         {"name": measure.name, "unit": measure.unit, "findings": [f.get(key) for f in of_view]}
         for key, measure in MEASURES.items()

@@ -152,3 +152,25 @@ def on_axis(point, start, end, step):
     steps = int(np.ceil(np.abs(end - start).max() / step))
     places = start + np.linspace(0, 1, steps + 1)[:, None] * (end - start)
     return (np.abs(np.rint(places / step) * step - point) < 1e-9).all(axis=1).any()
+
+
+def left_out(
+    labels: np.ndarray, coarse, box: np.ndarray, voxel_mm: float, skin: int, nipple: int
+) -> np.ndarray:
+    """Labels with air and skin where a coarse depth below the skin, trilinear, puts them."""
+    held = labels.copy()
+    for i, j, k in np.argwhere((labels != 0) & (labels != nipple)):
+        if not all(low <= at < high for at, (low, high) in zip((i, j, k), box, strict=True)):
+            continue
+        depth = 0.0
+        for corner in np.ndindex(2, 2, 2):
+            cell = coarse.cells_x[i], coarse.cells_y[j], coarse.cells_z[k]
+            part = coarse.part_x[i], coarse.part_y[j], coarse.part_z[k]
+            weight = np.prod([p if a else 1.0 - p for a, p in zip(corner, part, strict=True)])
+            depth += weight * coarse.mm[tuple(np.add(cell, corner))]
+        depth += voxel_mm * ((0.7548776662466927 * i + 0.5698402909980532 * j) % 1.0 - 0.5)
+        if depth < 0.0:
+            held[i, j, k] = 0
+        elif depth < coarse.skin_mm:
+            held[i, j, k] = skin
+    return held

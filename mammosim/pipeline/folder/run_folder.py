@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from mammosim.acquisition import Mammogram
@@ -105,7 +106,9 @@ class RunFolder:
             self.path, (*inputs.labels, *inputs.voxels, *inputs.lesions), reuse
         )
         self._begun: os.stat_result | None = None
+        self._beginning = Lock()
         self._sides_written: set[str] = set()
+        self._reported: dict[str, ReportedView] = {}
 
     def _begin(self) -> None:
         """Take the folder, once there is a result: a run that is refused before leaves nothing."""
@@ -117,11 +120,12 @@ class RunFolder:
         self._begun = path.stat()
 
     def _begin_or_go_on(self) -> None:
-        """Lock the folder, or refuse to continue if it was removed or replaced meanwhile."""
-        if self._begun is None:
-            self._begin()
-        else:
-            self._check_presence()
+        """Take the folder, or refuse to continue if it was removed or replaced meanwhile."""
+        with self._beginning:
+            if self._begun is None:
+                self._begin()
+                return
+        self._check_presence()
 
     def write_phantom(self, breast: BreastPhantom) -> None:
         """Write the uncompressed breast, once; one that was read between plates is not known.
@@ -169,6 +173,24 @@ class RunFolder:
                 folder, result.paths, result.mammogram, result.targets, export, self._identity
             )
 
+    def prepare_page(self, result: ViewResult) -> None:
+        """Compute what the page tells of one view, beside other stages."""
+        if self._config.report.html:
+            self._reported_view(result).prepare()
+
+    def _reported_view(self, result: ViewResult) -> ReportedView:
+        """A view for the page, with what was computed of it before."""
+        folder = result.compressed.view.folder
+        kept = self._reported.get(folder)
+        if (
+            kept is None
+            or kept.compressed is not result.compressed
+            or kept.mammogram is not result.mammogram
+        ):
+            kept = ReportedView(result.compressed, result.mammogram, result.reconstruction)
+            self._reported[folder] = kept
+        return kept
+
     def write_draw(self, number: int, mammogram: Mammogram) -> None:
         """Write the pictures of one draw of a view's noise."""
         folder = self.path / mammogram.gantry.view.folder
@@ -186,10 +208,7 @@ class RunFolder:
         self._write_tables(study)
         record = self._record(study, status)
         if self._config.report.html:
-            views = [
-                ReportedView(view.compressed, view.mammogram, view.reconstruction)
-                for view in study.views.values()
-            ]
+            views = [self._reported_view(view) for view in study.views.values()]
             page = render_report(
                 views, study.targets, record, self._config.report, self._title, study.answers
             )

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mammosim._version import VERSION
 from mammosim.compression import CompressedBreast, CompressionSettings
@@ -35,6 +36,9 @@ PHANTOM_ROOMS = ("config", "geometry", "phantom", "tissues")
 COMPRESSION_ROOMS = (*PHANTOM_ROOMS, "compression")
 PACKAGES = ("numpy", "numba", "scipy")
 """Rooms whose source, and distributions whose version, decide a stage's result."""
+
+HandOver = Callable[..., Any]
+"""Called with a function that writes and what it is called with, then or later."""
 
 
 class StageCache:
@@ -73,16 +77,18 @@ class StageCache:
         except OSError as error:
             raise InputError(f"{self._folders[0]}: cannot be written ({error.strerror})") from None
 
-    def phantom(self, config: RunConfig, make: Callable[[], BreastPhantom]) -> BreastPhantom:
+    def phantom(
+        self, config: RunConfig, make: Callable[[], BreastPhantom], hand_over: HandOver
+    ) -> BreastPhantom:
         """The uncompressed breast; one from a file is read again, which is as fast.
 
-        The configuration is that of this breast alone.
+        The configuration is that of this breast alone; `hand_over` has a result written.
         """
         if config.phantom.generate is None:
             return make()
         key = stage_key(PHANTOM_ROOMS, _phantom_values(config), self._inputs)
         name = f"{config.laterality}.phantom" if config.breast_number else "phantom"
-        breast: BreastPhantom = self._kept(name, key, make)
+        breast: BreastPhantom = self._kept(name, key, make, hand_over)
         return breast
 
     def compression(
@@ -92,6 +98,7 @@ class StageCache:
         breast: BreastPhantom,
         view: View,
         make: Callable[[], CompressedBreast],
+        hand_over: HandOver,
     ) -> CompressedBreast:
         """A view's compressed breast, kept if it converged."""
         values = {
@@ -102,8 +109,9 @@ class StageCache:
         key = stage_key(COMPRESSION_ROOMS, values, self._inputs)
         # The breast has its own file, or is in the phantom's.
         compressed: CompressedBreast = self._kept(
-            f"{view.folder}.compression", key, make, lambda made: replace(made, phantom=None)
-        )
+            f"{view.folder}.compression", key, make, hand_over,
+            lambda made: replace(made, phantom=None),
+        )  # fmt: skip
         if compressed.phantom is None:
             compressed = replace(compressed, phantom=as_held(breast, view.rotation[1]))
         return compressed
@@ -113,6 +121,7 @@ class StageCache:
         name: str,
         key: str,
         make: Callable[[], Any],
+        hand_over: HandOver,
         before_saving: Callable[[Any], Any] = lambda made: made,
     ) -> Any:
         for folder in self._folders:
@@ -121,7 +130,7 @@ class StageCache:
                 self.reused.append(name)
                 return found
         made = make()
-        _save(folder=self._folders[0], name=name, key=key, record=before_saving(made))
+        hand_over(_save, self._folders[0], name, key, before_saving(made))
         return made
 
 
@@ -178,8 +187,16 @@ def _save(folder: Path, name: str, key: str, record: Any) -> None:
     packed = json.dumps(pack(record, arrays))
     path = folder / f"{name}.npz"
     with whole_file(path) as part:
-        np.savez_compressed(part, record=np.array(packed), **arrays)
+        _write_arrays(part, {"record": np.array(packed), **arrays})
     write_json(folder / f"{name}.json", {"key": key, "sha256": file_hash(path)})
+
+
+def _write_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
+    """Write what `np.savez_compressed` would, at the level that is quickest."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, values in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                np.lib.format.write_array(stream, values, allow_pickle=False)
 
 
 def _load(path: Path, key: str) -> Any:

@@ -1,4 +1,4 @@
-"""What a run does around its stages: it times, keeps, writes, and reports progress."""
+"""What a run does around its stages: it times, keeps, has written, and reports progress."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial, wraps
-from typing import Any, ParamSpec, Protocol, TypeVar
+from typing import Any, ParamSpec, Protocol, Self, TypeVar
 
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast, CompressionSettings
@@ -19,6 +19,7 @@ from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
 from mammosim.pipeline.configuration import RunConfig
 from mammosim.pipeline.folder import RunFolder
+from mammosim.pipeline.run.beside import WritingThread
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 from mammosim.report import Status
 
@@ -72,9 +73,10 @@ class RunObserver:
     """Observes the stages of one run.
 
     Every stage is timed and reported. The phantom and the compressions are taken from the run's
-    folder where it keeps them, and kept there. A compression, a view and the whole study are
-    written as soon as they are there. A compression that did not converge is noted, and the run
-    continues with the state reached.
+    folder where it keeps them, and kept there. A compression and a view are written as soon as they
+    are there, beside the stages that follow; the study is when all are. A compression that did not
+    converge is noted, and the run continues with the state reached. It is a context, which ends
+    when nothing is being written any more.
 
     Parameters
     ----------
@@ -101,6 +103,14 @@ class RunObserver:
         self._seconds: dict[str, float] = defaultdict(float)
         self._reported = ("", "")
         self._breasts: list[BreastPhantom] = []
+        self._beside = WritingThread()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        with signals_held():
+            self._beside.close()
 
     @property
     def views(self) -> Mapping[str, ViewResult]:
@@ -135,16 +145,20 @@ class RunObserver:
         folder = result.compressed.view.folder
         self._views[folder] = result
         if self._output is not None:
-            with self._timing(folder, "export"):
-                self._output.write_view(result)
+            self._hand_over(f"{folder}.export", self._output.write_view, result)
+            self._hand_over(f"{folder}.report", self._output.prepare_page, result)
 
     def keep_draw(self, number: int, mammogram: Mammogram) -> None:
         """Write one of several draws of a view's noise; none is kept in memory."""
         if self._output is not None:
+            self._beside.finish()
             self._output.write_draw(number, mammogram)
 
     def finish(self, study: Study) -> Study:
         """Write tables, record and page; the study with the time of each stage."""
+        if self._output is not None:
+            with self._timing("", "export"):
+                self._beside.finish()
         study = replace(study, stage_seconds=dict(self._seconds))
         if self._output is not None:
             with self._timing("", "report"):
@@ -159,6 +173,8 @@ class RunObserver:
         """
         with signals_held():
             if self._output is not None:
+                with suppress(InputError):
+                    self._beside.finish()
                 with suppress(InputError):
                     self._output.write_stop(self._reached(), status)
             return self._reached()
@@ -182,7 +198,7 @@ class RunObserver:
                 breast = make()
             else:
                 one = self._config.sides[len(self._breasts)]
-                breast = self._output.stages.phantom(one, make)
+                breast = self._output.stages.phantom(one, make, self._beside.hand_over)
             self._breasts.append(breast)
             return breast
 
@@ -190,7 +206,7 @@ class RunObserver:
         self, folder: str, compress: Callable[..., CompressedBreast], breast: BreastPhantom,
         view: View, settings: CompressionSettings, *, seed: int,
     ) -> CompressedBreast:  # fmt: skip
-        """The compressed breast, as it was kept or made now, written before anything can fail."""
+        """The compressed breast, as it was kept or made now, and handed over to be written."""
         watch = partial(self.on_progress, folder, "compression")
         make = partial(compress, breast, view, settings, seed=seed, watch=watch)
         try:
@@ -199,7 +215,9 @@ class RunObserver:
                     compressed = make()
                 else:
                     one = self._config.of_side(view.laterality)
-                    compressed = self._output.stages.compression(one, settings, breast, view, make)
+                    compressed = self._output.stages.compression(
+                        one, settings, breast, view, make, self._beside.hand_over
+                    )
         except NotConverged as error:
             self.unfinished.append(error)
             compressed = error.reached
@@ -214,9 +232,17 @@ class RunObserver:
         folder = compressed.view.folder
         self._views[folder] = ViewResult(compressed)
         if self._output is not None:
-            with self._timing(folder, "volumes"):
-                self._output.write_phantom(breast)
-                self._output.write_compression(compressed)
+            volumes = f"{folder}.volumes"
+            self._hand_over(volumes, self._output.write_phantom, breast)
+            self._hand_over(volumes, self._output.write_compression, compressed)
+
+    def _hand_over(self, stage: str, write: Callable[..., Any], *arguments: Any) -> None:
+        """Have something written beside the stages that follow, and add its time to a stage's."""
+
+        def note(seconds: float) -> None:
+            self._seconds[stage] += seconds
+
+        self._beside.hand_over(write, *arguments, note=note)
 
     @contextmanager
     def _timing(self, folder: str, stage: str) -> Iterator[None]:

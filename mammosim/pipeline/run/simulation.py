@@ -67,8 +67,11 @@ def simulate(
     """
     config = given_config(config, sections, "simulate()")
     check_settings(config)
-    with notebook_bar(config, on_progress) as report:
-        return _simulate(config, RunObserver(config, output, report))
+    with (
+        notebook_bar(config, on_progress) as report,
+        RunObserver(config, output, report) as observer,
+    ):
+        return _simulate(config, observer)
 
 
 def _simulate(config: RunConfig, observer: RunObserver) -> Study:

@@ -97,12 +97,12 @@ def _peak_ratio(square: F64, part: int, px: float) -> float:
     band &= frequency[:, None] >= 0.0
     window = np.outer(np.hanning(part), np.hanning(part))
     starts = np.linspace(0, len(square) - part, 5).astype(int)
-    power = np.zeros((part, part))
-    for row in starts:
-        for column in starts:
-            piece = square[row : row + part, column : column + part]
-            piece = piece - ndimage.gaussian_filter(piece, 0.8 / px)
-            power += np.abs(np.fft.fft2((piece - piece.mean()) * window)) ** 2
+    pieces = np.stack([
+        square[row : row + part, column : column + part] for row in starts for column in starts
+    ])  # fmt: skip
+    pieces = pieces - ndimage.gaussian_filter(pieces, 0.8 / px, axes=(1, 2))
+    pieces -= pieces.mean(axis=(1, 2), keepdims=True)
+    power = (np.abs(np.fft.fft2(pieces * window)) ** 2).sum(axis=0)
     around = ndimage.median_filter(power, size=9, mode="wrap")
     return float((power[band] / around[band]).max())
 
