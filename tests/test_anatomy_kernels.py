@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from naive import phantom as naive
@@ -19,6 +21,7 @@ from mammosim.phantom.anatomy import (
     _tissue_kernels,
     _tube_kernels,
     body,
+    foam,
     generate,
     lobules,
     threads,
@@ -98,7 +101,7 @@ def net():
 
 @pytest.fixture(scope="module")
 def strands():
-    """Ends of the pieces of strands in a ball of 60 mm, the depth below its skin, and the foam."""
+    """Pieces of strands in a ball of 60 mm, and the depth below its skin."""
     frame = VoxelFrame(np.full(3, -32.0), np.full(3, 2.0), (33, 33, 33))
     axis = np.arange(33) * 2.0 - 32.0
     places = np.meshgrid(axis, axis, axis, indexing="ij")
@@ -108,7 +111,7 @@ def strands():
     rng = np.random.default_rng(7)
     foams = (lobules.draw_net(bent, 9.0, rng), lobules.draw_net(bent, 7.0, rng))
     drawn = threads.draw_threads(tissue, foams, 1.0, rng)
-    return drawn, lambda at: 30.0 - np.linalg.norm(at, axis=-1), foams
+    return drawn, lambda at: 30.0 - np.linalg.norm(at, axis=-1)
 
 
 def test_gathered_cells_give_the_walls_of_all_cells(net):
@@ -137,7 +140,7 @@ def test_walls_fill_their_thickness_whatever_the_voxel(net):
         x = np.arange(2.0 + 0.37 * voxel, 8.0, voxel)
         filling = [
             _net_kernels.wall_fill(
-                near.place, near.pair, near.scale, 2, at / 10.0, 0.0, 0.0, 0.3, voxel
+                near.place, near.pair, near.scale, 2, at / 10.0, 0.0, 0.0, 0.3, voxel, 1.1
             )
             for at in x
         ]
@@ -182,7 +185,7 @@ def test_walls_within_a_group_are_thin_and_those_between_groups_all_there():
 def test_edges_of_a_foam_are_as_far_from_three_cells_and_nodes_from_four():
     axis = np.arange(0.0, 40.0, 2.0)
     net = lobules.draw_net([axis] * 3, 8.0, np.random.default_rng(3))
-    nodes, strands, strength = threads.foam_edges(net)
+    nodes, strands, strength = foam.foam_edges(net)
     present = np.argwhere(net.seeds[..., 3] >= _net_kernels.ABSENT)
     seeds = net.seeds[tuple(present.T)].astype(float)
     middle = (nodes[strands].mean(axis=1) - net.origin_mm) / net.cell_mm
@@ -198,27 +201,74 @@ def test_edges_of_a_foam_are_as_far_from_three_cells_and_nodes_from_four():
     assert 0.0 <= strength.min() < strength.max() <= _net_kernels.MAX_WALL
 
 
-def test_strands_follow_the_walls_and_are_one_net(strands):
-    """Pieces go on in others, but where the net leaves the ball; none ends within it."""
-    drawn, depth, _ = strands
-    ends = drawn.ends_mm.reshape(-1, 3)
-    # at a node strands reach a little beyond it, by up to 0.6 of their radius there
-    gap = cKDTree(ends).query(ends, k=2)[0][:, 1]
-    within = depth(ends) > 3.0
-    assert np.count_nonzero(within) > 500
-    assert np.mean(gap[within] > 2.0 * threads.RADII_MM[1]) < 0.01
-    assert np.count_nonzero(depth(ends) < 1.5) > 50
+def test_walls_join_in_fillets_whatever_the_voxel():
+    """Between two walls at a right angle, sqrt a + sqrt b < sqrt R bounds an area of R^2 / 6."""
+    near = _net_kernels.new_near()
+    near.place[:3] = [[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 1.0]]
+    near.tag[:3] = [0.6, 0.3, 0.3]
+    _net_kernels._pairs(near, 3, 10.0, np.eye(3))
+    size = 4.0 * near.pair[0, 1, 1] * near.pair[0, 2, 1]
+    assert 0.9 < size < 2.0
+    for voxel in (0.02, 0.05):
+        axis = np.arange(3.0 + 0.5 * voxel, 5.0, voxel) / 10.0
+        filled = sum(
+            _net_kernels.wall_fill(
+                near.place, near.pair, near.scale, 3, x, y, 0.0, 1e-9, voxel, 4.0
+            )
+            for x in axis
+            for y in axis
+        )
+        # The face is some voxels long, and is spread over two.
+        assert filled * voxel**2 == pytest.approx(size**2 / 6.0, rel=0.1 if voxel < 0.03 else 0.25)
 
 
-def test_strands_are_thick_at_their_nodes_and_thin_between():
+def test_fibres_follow_edges_and_do_not_turn_back():
+    axis = np.arange(0.0, 50.0, 2.0)
+    net = lobules.draw_net([axis] * 3, 8.0, np.random.default_rng(3))
+    nodes, edges, strength = foam.foam_edges(net)
+    edges, strength = edges[strength > 0.0], strength[strength > 0.0]
+    path, length = threads._walks(nodes, edges, strength, 200, 5.0, np.random.default_rng(4))
+    known = {tuple(sorted(edge)) for edge in edges.tolist()}
+    turns = []
+    for nodes_passed, count in zip(path.tolist(), length, strict=True):
+        passed = nodes_passed[: count + 1]
+        assert all(tuple(sorted(edge)) in known for edge in pairwise(passed))
+        assert all(before != after for before, after in zip(passed, passed[2:], strict=False))
+        way = np.diff(nodes[passed], axis=0)
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        turns += list((way[1:] * way[:-1]).sum(axis=1))
+    assert 3.0 < length.mean() < 6.0
+    assert np.mean(turns) > 0.5  # of the three edges that go on from a node, the straightest
+
+
+def test_fibres_touch_the_middles_of_edges_and_round_off_nodes():
     rng = np.random.default_rng(8)
-    middle = rng.uniform(0.05, 0.3, 50)
-    nodes = middle[:, None] * rng.uniform(1.0, 3.0, (50, 2))
-    radius = threads._profiles(nodes, middle, 5)
-    np.testing.assert_allclose(radius[:, [0, -1]], nodes)
-    assert np.all(radius[:, 1:-1] <= nodes.max(axis=1)[:, None] + 1e-12)
-    assert np.all(radius >= middle[:, None] - 1e-12)
-    assert np.median(radius[:, 2] / nodes.mean(axis=1)) < 0.7
+    at, radius = rng.uniform(0.0, 20.0, (30, 9, 3)), np.full((30, 9), 0.1)
+    courses, radii = threads._spline(at, radius.copy(), rng.integers(1, 8, 30), 4)
+    np.testing.assert_allclose(courses[:, ::4], 0.5 * (at[:, :7] + at[:, 1:8]))
+    steps = np.diff(courses, axis=1)
+    # The way from one piece to the next changes by a fixed part of the control points' bend.
+    bend = np.linalg.norm(at[:, 2:] - 2.0 * at[:, 1:-1] + at[:, :-2], axis=2).max()
+    assert np.linalg.norm(np.diff(steps, axis=1), axis=2).max() <= bend / 16.0 + 1e-9
+    assert radii.max() <= 0.1 + 1e-12
+    assert radii[:, 0].max() <= 0.05 + 1e-12  # half way into its taper
+
+
+def test_strands_are_within_the_skin_of_many_calibres_and_smooth(strands):
+    drawn, depth = strands
+    middle = drawn.ends_mm.mean(axis=1)
+    length = np.linalg.norm(drawn.ends_mm[:, 1] - drawn.ends_mm[:, 0], axis=1)
+    assert len(middle) > 3000
+    assert depth(middle).min() > -2.0  # by the nearest point of the grid
+    thick = drawn.radius_mm.max(axis=1)
+    assert np.quantile(thick, 0.99) > 6.0 * np.quantile(thick, 0.05)
+    assert thick.max() <= threads.THICKEST_MM
+    assert length.max() < 8.0
+    # Pieces go on in others, or taper to nothing.
+    ends, radius = drawn.ends_mm.reshape(-1, 3), drawn.radius_mm.ravel()
+    gap = cKDTree(ends).query(ends, k=2)[0][:, 1]
+    inner = (depth(ends) > 4.0) & (radius > 2.0 * threads.THINNEST_MM)
+    assert np.mean(gap[inner] > 0.1) < 0.05
 
 
 def test_threads_are_painted_by_the_part_they_fill_and_leave_other_tissue():
@@ -236,7 +286,12 @@ def test_threads_are_painted_by_the_part_they_fill_and_leave_other_tissue():
     volume = sum(part[int(label)] for label in labels.ravel()) * 0.25**3
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     # By lot in some hundreds of voxels.
-    assert volume == pytest.approx((np.pi * radius[:, 0] ** 2 * length).sum(), rel=0.1)
+    wanted = (np.pi * radius[:, 0] ** 2 * length).sum()
+    assert volume == pytest.approx(wanted, rel=0.1)
+    # Another fibre along the same way adds to what is there.
+    _tube_kernels.paint_threads(labels, lattice, ends, 0.5 * radius, name, 99)
+    volume = sum(part[int(label)] for label in labels.ravel()) * 0.25**3
+    assert volume == pytest.approx(1.25 * wanted, rel=0.1)
 
 
 def test_the_steps_of_a_filling_have_its_mean():

@@ -14,6 +14,10 @@ ALONG = 0.7
 """Scale of the tile's first axis, along which structure is longer by its inverse: towards the
 nipple in gland, along the fibres in muscle."""
 
+UNEVEN, UNEVEN_PER, MOST_UNEVEN = 2.4, 0.35, 1.7
+"""Thickness of walls: change per unit of the tile's noise, which is stretched by the inverse of the
+second (1.5 to 11 mm), and the most against the mean. Chosen by eye."""
+
 
 @merged_kernel
 def grain_at(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float) -> float:
@@ -23,3 +27,10 @@ def grain_at(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float)
     b = int(q * 5.0 + 65536.0) & (TILE - 1)
     c = int(r * 5.0 + 65536.0) & (TILE - 1)
     return scale * tile[a, b, c]
+
+
+@merged_kernel
+def wall_unevenness(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float) -> float:
+    """Thickness of a wall at a point of net coordinates, mm, against its mean."""
+    grain = grain_at(tile, scale, UNEVEN_PER * p, UNEVEN_PER * q, UNEVEN_PER * r)
+    return min(max(1.0 + UNEVEN * grain, 0.0), MOST_UNEVEN)

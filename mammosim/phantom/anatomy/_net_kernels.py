@@ -28,7 +28,7 @@ ABSENT = -5.0
 MAX_HOLDERS = 24
 """Most cells that hold some place of one block."""
 
-ABSENT_WALLS, THIN_WALL, GROUP_WALL, MAX_WALL = 0.35, 0.25, 0.7, 2.6
+ABSENT_WALLS, THIN_WALL, GROUP_WALL, MAX_WALL = 0.35, 0.2, 0.6, 2.5
 """Share of walls within a group that are missing, so that lobules run together; the least thickness
 of a wall against the mean, the most within a group and least between groups, and the most of all.
 Chosen by eye."""
@@ -38,6 +38,10 @@ ROUNDING_REACH = 1.1
 
 GOLDEN = 0.6180339887498949
 """Multiples of the golden ratio, less their whole parts, are spread evenly."""
+
+MOST_BORDER, BORDER_SLOPE = 2.2, 2.5
+"""Most that a fillet is larger than the mean one, chosen by eye; and how steeply the sum that
+decides on it rises across its face."""
 
 CONE = 1.7320508
 """Base of a cone of `thread_fill` that is 1 in the middle, against the thread's radius: sqrt 3."""
@@ -291,6 +295,12 @@ def wall_reach(thick_mm: float, voxel_mm: float) -> float:
 
 
 @merged_kernel
+def border_reach(border_mm: float, voxel_mm: float) -> float:
+    """Distance from two walls up to which the fillet between them may fill voxels, mm."""
+    return MOST_BORDER * border_mm + voxel_mm
+
+
+@merged_kernel
 def thread_reach(radius_mm: float, voxel_mm: float) -> float:
     """Distance from its axis up to which a round thread fills voxels."""
     return max(voxel_mm, CONE * radius_mm)
@@ -310,18 +320,42 @@ def thread_fill(gap_mm: float, radius_mm: float, voxel_mm: float) -> float:
 @merged_kernel
 def wall_fill(
     place: NDArray[np.float64], pair: NDArray[np.float64], scale: NDArray[np.float64], n: int,
-    x: float, y: float, z: float, thick_mm: float, voxel_mm: float,
+    x: float, y: float, z: float, thick_mm: float, voxel_mm: float, border_mm: float,
 ) -> float:  # fmt: skip
-    """Part of a voxel that walls of a mean thickness fill: the overlap of slab and voxel."""
-    inside, least, second = _holding_cell(place, n, x, y, z)
+    """Part of a voxel that walls of a mean thickness fill: the overlap of slab and voxel.
+
+    Where two walls meet they are joined by fillets, as films of a foam are by Plateau borders: a
+    place at distances a and b from them is filled if sqrt a + sqrt b is less than the root of
+    `border_mm` times the product of both thicknesses against the mean.
+    """
+    inside, least, second, third = 0, np.inf, np.inf, np.inf
+    for a in range(n):
+        q = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
+        if q < least:
+            inside, least, second, third = a, q, least, second
+        elif q < second:
+            second, third = q, second
+        elif q < third:
+            third = q
     fill, wide = 0.0, 0.5 * voxel_mm
-    if (second - least) * scale[inside] >= wall_reach(thick_mm, voxel_mm):
+    away = (second - least) * scale[inside] >= wall_reach(thick_mm, voxel_mm)
+    if away and (third - least) * scale[inside] >= border_reach(border_mm, voxel_mm):
         return fill
+    one, other, strong, weak = np.inf, np.inf, 0.0, 0.0
     for b in range(n):
-        if b != inside:
-            half = 0.5 * thick_mm * pair[inside, b, 1]
+        strength = pair[inside, b, 1]
+        if b != inside and strength > 0.0:
+            half = 0.5 * thick_mm * strength
             q = place[b, 3] - 2.0 * (place[b, 0] * x + place[b, 1] * y + place[b, 2] * z)
             gap = (q - least) * pair[inside, b, 0]
-            if gap < half + wide and half > 0.0:
+            if gap < half + wide:
                 fill = max(fill, (min(gap + wide, half) - max(gap - wide, -half)) / voxel_mm)
+            if gap < one:
+                one, other, strong, weak = gap, one, strength, strong
+            elif gap < other:
+                other, weak = gap, strength
+    radius = border_mm * min(strong * weak, MOST_BORDER)
+    if radius > 0.0 and one + other < radius + 2.0 * voxel_mm:
+        way = one + other + 2.0 * np.sqrt(one * other) - radius
+        fill = max(fill, min(0.5 - way / (BORDER_SLOPE * voxel_mm), 1.0))
     return fill

@@ -25,11 +25,12 @@ from mammosim.phantom.anatomy._block_kernels import (
     trilinear,
 )
 from mammosim.phantom.anatomy._fill_kernels import fill_of
-from mammosim.phantom.anatomy._grain_kernels import grain_at
+from mammosim.phantom.anatomy._grain_kernels import MOST_UNEVEN, grain_at
 from mammosim.phantom.anatomy._net_kernels import (
     ROUNDING_REACH,
     Near,
     Net,
+    border_reach,
     gather,
     wall_distance,
     wall_reach,
@@ -46,6 +47,10 @@ coordinates are not linear."""
 
 MUSCLE_FAT = 0.18
 """Mean thickness of the fat between bundles of muscle, mm. Chosen."""
+
+BORDER_MM = 1.1
+"""Size of the fillets between walls of mean thickness, mm: how far along each wall they reach.
+Chosen by eye."""
 
 
 @merged_kernel
@@ -282,9 +287,9 @@ def gather_walls(
         radius = _net_frame(block, FIBRE, h)
         reach = wall_reach(MUSCLE_FAT, voxel) * _stretch(block.slope)
         return gather(texture.bundles, block.centre, radius, reach, block.slope, block.near)
-    thick = block.corner[SEPTUM].max()
+    thick = MOST_UNEVEN * block.corner[SEPTUM].max()
     if gland == 2 or thick <= 0.0:
         return 0
     radius = _net_frame(block, NET, h)
-    reach = wall_reach(thick, voxel) * _stretch(block.slope)
+    reach = max(wall_reach(thick, voxel), border_reach(BORDER_MM, voxel)) * _stretch(block.slope)
     return gather(texture.lobules, block.centre, radius, reach, block.slope, block.near)

@@ -36,10 +36,15 @@ from mammosim.phantom.anatomy._block_kernels import (
     sub_row_values,
 )
 from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
-from mammosim.phantom.anatomy._grain_kernels import grain_at
+from mammosim.phantom.anatomy._grain_kernels import grain_at, wall_unevenness
 from mammosim.phantom.anatomy._net_kernels import wall_fill
 from mammosim.phantom.anatomy._noise_kernels import lattice_hash
-from mammosim.phantom.anatomy._parenchyma_kernels import MUSCLE_FAT, decide_gland, gather_walls
+from mammosim.phantom.anatomy._parenchyma_kernels import (
+    BORDER_MM,
+    MUSCLE_FAT,
+    decide_gland,
+    gather_walls,
+)
 from mammosim.phantom.anatomy._surface_kernels import dither, in_nipple, in_root
 
 
@@ -218,10 +223,14 @@ def _fill_block(
                         continue
                 fill = held
                 if in_muscle == only_muscle and walls > 1:
-                    thick = MUSCLE_FAT if in_muscle else low[SEPTUM] + w * step[SEPTUM]
+                    thick, border = MUSCLE_FAT, 0.0
+                    if not in_muscle:
+                        border = BORDER_MM
+                        thick = low[SEPTUM] + w * step[SEPTUM]
+                        thick *= wall_unevenness(tile, tile_scale, p, q, r)
                     fill += wall_fill(
                         place, pair, scale, walls,
-                        (p - o0) * per, (q - o1) * per, (r - o2) * per, thick, voxel,
+                        (p - o0) * per, (q - o1) * per, (r - o2) * per, thick, voxel, border,
                     )  # fmt: skip
                     if in_muscle and grain_at(tile, tile_scale, p, q, r) > streaks:
                         fill = 1.0

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import kernel, merged_kernel
+from mammosim._jit import Thread, kernel, merged_kernel, parallel_kernel, share
 from mammosim.phantom.anatomy._block_kernels import Lattice
 from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
 from mammosim.phantom.anatomy._net_kernels import thread_fill, thread_reach
 from mammosim.phantom.anatomy._noise_kernels import lattice_hash
+
+SLAB = 16
+"""Layers of voxels in which strands are painted together."""
 
 
 @kernel
@@ -48,38 +51,68 @@ def paint_tubes(
                 labels[i, j, k] = label[n]
 
 
-@kernel
+@parallel_kernel
 def paint_threads(
-    labels: NDArray[np.uint8], lattice: Lattice, ends_mm: NDArray[np.float64],
+    thread: Thread, labels: NDArray[np.uint8], lattice: Lattice, ends_mm: NDArray[np.float64],
     radius_mm: NDArray[np.float64], name: NDArray[np.uint8], key: int,
 ) -> None:  # fmt: skip
     """Paint straight round pieces of ligament by the part of each voxel that they fill.
 
-    Ends are (n, 2, 3) and radii (n, 2) at both ends, mm; `name` as `Paint.labels`. Of two in a
-    voxel the larger part counts.
+    Ends are (n, 2, 3) and radii (n, 2) at both ends, mm; `name` as `Paint.labels`. What several
+    pieces fill of a voxel adds up. A thread takes whole slabs, in each all pieces in order.
     """
+    slabs = (labels.shape[0] + SLAB - 1) // SLAB
+    for slab in share(thread, 0, slabs):
+        first, last = slab * SLAB, min((slab + 1) * SLAB, labels.shape[0])
+        voxel = lattice.x_mm[1] - lattice.x_mm[0]
+        low, high = lattice.x_mm[first] - voxel, lattice.x_mm[last - 1] + voxel
+        for n in range(ends_mm.shape[0]):
+            reach = thread_reach(max(radius_mm[n, 0], radius_mm[n, 1]), voxel)
+            if max(ends_mm[n, 0, 0], ends_mm[n, 1, 0]) + reach < low:
+                continue
+            if min(ends_mm[n, 0, 0], ends_mm[n, 1, 0]) - reach < high:
+                _paint_thread(
+                    labels, lattice, (first, last), ends_mm[n], radius_mm[n], name, key + n
+                )
+
+
+@kernel
+def _paint_thread(
+    labels: NDArray[np.uint8], lattice: Lattice, layers: tuple[int, int],
+    ends_mm: NDArray[np.float64], radius_mm: NDArray[np.float64], name: NDArray[np.uint8],
+    key: int,
+) -> None:  # fmt: skip
+    """Paint one piece within some layers of voxels."""
     voxel = lattice.x_mm[1] - lattice.x_mm[0]
-    for n in range(ends_mm.shape[0]):
-        a, b = ends_mm[n, 0], ends_mm[n, 1]
-        (wx, wy, wz), squared = _axis(a, b)
-        reach = thread_reach(max(radius_mm[n, 0], radius_mm[n, 1]), voxel)
-        i0, i1, j0, j1, k0, k1 = _box(lattice, a, b, reach)
-        for i in range(i0, i1):
-            dx = lattice.x_mm[i] - a[0]
-            for j in range(j0, j1):
-                dy = lattice.lateral_mm[j] - a[1]
-                for k in range(k0, k1):
-                    dz = lattice.superior_mm[k] - a[2]
-                    t = (dx * wx + dy * wy + dz * wz) / squared
-                    if t < 0.0 or t >= 1.0:
-                        continue  # the next piece's
-                    gap = _squared_gap(dx, dy, dz, wx, wy, wz, t)
-                    if gap < reach * reach:
-                        radius = radius_mm[n, 0] + t * (radius_mm[n, 1] - radius_mm[n, 0])
-                        fill = thread_fill(np.sqrt(gap), radius, voxel)
-                        if fill > fill_of(labels[i, j, k], name):
-                            lot = lattice_hash(i, j, k, key) / 4294967296.0
-                            labels[i, j, k] = name[fill_step(fill, lot)]
+    a, b = ends_mm[0], ends_mm[1]
+    (wx, wy, wz), squared = _axis(a, b)
+    reach = thread_reach(max(radius_mm[0], radius_mm[1]), voxel)
+    i0, i1, j0, j1, k0, k1 = _box(lattice, a, b, reach)
+    first_z = lattice.superior_mm[0]
+    # Along a row, the square of the distance from the axis is leading (z - nearest)^2 + least.
+    leading = max(1.0 - wz * wz / squared, 1e-6)
+    for i in range(max(i0, layers[0]), min(i1, layers[1])):
+        dx = lattice.x_mm[i] - a[0]
+        for j in range(j0, j1):
+            dy = lattice.lateral_mm[j] - a[1]
+            across = (dx * wx + dy * wy) / squared
+            nearest = across * wz / leading
+            least = dx * dx + dy * dy - across * across * squared - leading * nearest * nearest
+            room = (reach * reach - least) / leading
+            if room <= 0.0:
+                continue
+            room, middle = np.sqrt(room), (a[2] + nearest - first_z) / voxel
+            low = max(k0, int(np.ceil(middle - room / voxel)))
+            for k in range(low, min(k1, int(np.floor(middle + room / voxel)) + 1)):
+                dz = lattice.superior_mm[k] - a[2]
+                t = across + dz * wz / squared
+                if t < 0.0 or t >= 1.0:
+                    continue  # the next piece's
+                gap = np.sqrt(max(least + leading * (dz - nearest) ** 2, 0.0))
+                radius = radius_mm[0] + t * (radius_mm[1] - radius_mm[0])
+                fill = thread_fill(gap, radius, voxel) + fill_of(labels[i, j, k], name)
+                lot = lattice_hash(i, j, k, key) / 4294967296.0
+                labels[i, j, k] = name[fill_step(min(fill, 1.0), lot)]
 
 
 @kernel

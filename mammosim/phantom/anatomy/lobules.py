@@ -29,7 +29,7 @@ APEX_MM, ROUNDING_MM = 10.0, 18.0
 """Where the lobules' coordinates converge, in front of the nipple's foot, and distance below which
 they no longer do, mm."""
 
-WARPS_MM = ((1.7, 36.0), (0.16, 12.0))
+WARPS_MM = ((1.0, 36.0), (0.85, 15.0))
 """Amplitude and wavelength by which walls are bent, mm: their slopes, 2 pi amplitude / wavelength,
 add up to 0.5, below which coordinates hardly ever fold over. Chosen by eye."""
 

@@ -60,10 +60,10 @@ class Parenchyma:
 
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
-        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 0.85, 0.50, 2.8, 2.6, 0.19),
-        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.80, 0.45, 2.6, 2.6, 0.19),
-        "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.65, 0.40, 3.0, 2.6, 0.19),
-        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.40, 0.35, 2.8, 2.6, 0.19),
+        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 0.85, 0.50, 2.8, 2.6, 0.25),
+        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.80, 0.45, 2.6, 2.6, 0.25),
+        "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.65, 0.40, 3.0, 2.6, 0.25),
+        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.40, 0.35, 2.8, 2.6, 0.25),
     }
 )
 """Chosen by eye on projections, so that each class looks like mammograms of its BI-RADS letter;
