@@ -170,5 +170,6 @@ def test_a_cohort_says_nothing_twice(capsys, monkeypatch):
         for seconds in (10.0, 20.0):
             on_progress(Progress(3, made=1, running=2, workers=2, seconds=seconds))
         on_progress(Progress(3, made=2, running=1, workers=2, seconds=30.0))
+        on_progress(Progress(3, made=3, workers=2, seconds=40.0))  # the result says it
     lines = capsys.readouterr().err.splitlines()
     assert [line[:11] for line in lines] == ["1 of 3 done", "2 of 3 done"]

@@ -114,7 +114,10 @@ def _warned(found: CohortStatus) -> list[str]:
 
 @contextmanager
 def _progress() -> Iterator[Callable[[Progress], None]]:
-    """One moving line on a terminal; elsewhere a line now and then, if something has changed."""
+    """One moving line on a terminal; elsewhere a line now and then, if something has changed.
+
+    None at the end: the command's result says it, perhaps in the same file.
+    """
     if err.is_terminal:
         with err.status("starting workers") as line:
             yield lambda progress: line.update(progress.sentence(datetime.now()))
@@ -125,7 +128,8 @@ def _progress() -> Iterator[Callable[[Progress], None]]:
     def log(progress: Progress) -> None:
         nonlocal last, said
         counts = (progress.done, progress.failed, progress.running, progress.workers)
-        if counts != said and monotonic() - last >= SECONDS_PER_LINE:
+        due = counts != said and monotonic() - last >= SECONDS_PER_LINE
+        if due and not progress.ended:
             last, said = monotonic(), counts
             say_progress(progress.sentence(datetime.now()))
 

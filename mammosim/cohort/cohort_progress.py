@@ -47,6 +47,11 @@ class Progress:
         return self.patients - self.done - self.failed - self.running
 
     @property
+    def ended(self) -> bool:
+        """Whether every patient is done or failed."""
+        return self.done + self.failed >= self.patients
+
+    @property
     def patients_per_hour(self) -> float:
         """Patients finished or failed an hour since this start; 0 before the first."""
         if self.seconds <= 0:
@@ -61,7 +66,7 @@ class Progress:
         return 3600.0 * (self.waiting + self.running) / self.patients_per_hour
 
     def sentence(self, now: datetime) -> str:
-        """All of it in one line.
+        """All of it in one line; without an expected end once nothing is left to do.
 
         Examples
         --------
@@ -69,12 +74,14 @@ class Progress:
         ...     datetime(2024, 5, 1, 12, 0)
         ... )
         '9 of 20 done, 2 running, 1 failed, 20 patients per hour, ends about 12:30'
+        >>> Progress(20, made=19, failed=1, seconds=3600.0).sentence(datetime(2024, 5, 1, 12, 0))
+        '19 of 20 done, 0 running, 1 failed, 20 patients per hour'
         """
         parts = [f"{self.done} of {self.patients} done", f"{self.running} running"]
         parts.append(f"{self.failed} failed")
-        if not self.workers:
+        if not self.workers and not self.ended:
             return ", ".join([*parts, "waiting for workers"])
         if self.seconds_left is not None:
             parts.append(f"{self.patients_per_hour:.3g} patients per hour")
-            parts.append(expected_end(now, self.seconds_left))
+            parts += [] if self.ended else [expected_end(now, self.seconds_left)]
         return ", ".join(parts)

@@ -66,7 +66,7 @@ UNEVEN_IODINE = (
 START_S = 5.0
 """Until the first stage begins, s."""
 
-SECONDS_PER_VOXEL = {"file": 4e-8, "generate": 4e-7}
+SECONDS_PER_VOXEL = {"file": 4e-8, "generate": 5e-8}
 SECONDS_PER_PIXEL = 2.5e-6
 """Time for a phantom's voxels, and for tracing and exposing a pixel, s: rough, for the estimate of
 `check` only."""
