@@ -13,7 +13,8 @@ from mammosim.compression.multigrid import (
     conjugate_gradients,
     hold,
 )
-from mammosim.compression.multigrid._block_kernels import block_residual
+from mammosim.compression.multigrid._bundle_kernels import block_residual
+from mammosim.compression.multigrid.block_level import bundles_of
 
 SHAPE = (8, 9, 11)
 
@@ -71,7 +72,8 @@ def test_tangent_is_the_derivative_of_the_force():
     expected = (ahead - behind) / (2 * step)
     out = np.zeros(u.shape, np.float32)
     moved = direction.astype(np.float32)
-    block_residual(tangent(body, u), body.node_span, moved, np.zeros_like(moved), out)
+    stencil = bundles_of(tangent(body, u), body.node_span, Workspace())
+    block_residual(stencil, moved, np.zeros_like(moved), out)
     # Single precision: 27 x 3 products of up to 1e3.
     np.testing.assert_allclose(-out, expected, atol=1e-6 * np.abs(expected).max() * 81)
 
@@ -80,10 +82,11 @@ def test_tangent_is_the_derivative_of_the_force():
 def test_convex_part_of_the_tangent_is_positive_even_where_elements_are_folded(size):
     body = some_body()
     u, rng = some_displacement(body, size), np.random.default_rng(3)
-    stencil, out = tangent(body, u, geometric=0.0), np.zeros(u.shape, np.float32)
+    out = np.zeros(u.shape, np.float32)
+    stencil = bundles_of(tangent(body, u, geometric=0.0), body.node_span, Workspace())
     for _ in range(20):
         direction = (rng.standard_normal(u.shape) * body.nodes).astype(np.float32)
-        block_residual(stencil, body.node_span, direction, np.zeros_like(direction), out)
+        block_residual(stencil, direction, np.zeros_like(direction), out)
         assert -(direction * out).sum() > 0.0
 
 
@@ -152,7 +155,7 @@ def test_multigrid_solves_the_tangent_of_a_near_incompressible_block():
     u, rng = np.zeros((3, *body.shear.shape)), np.random.default_rng(4)
     stencil = tangent(body, u)
     hold(stencil, body.free)
-    level = BlockLevel.of(stencil, body.node_span)
+    level = BlockLevel.of(stencil, body.node_span, Workspace())
     load = (rng.standard_normal(u.shape) * body.free).astype(np.float32)
     solution, _, positive, cycles = conjugate_gradients(
         Multigrid(level, Workspace()), load.copy(), ResidualBelow(1e-4), 60

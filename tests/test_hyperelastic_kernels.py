@@ -16,8 +16,16 @@ from mammosim.compression.hyperelastic._element_kernels import (
 )
 from mammosim.compression.hyperelastic._tangent_kernels import tangent_stencil
 from mammosim.compression.hyperelastic.laws import LAWS
+from mammosim.compression.multigrid import (
+    Workspace,
+    add_interpolated,
+    coarse_shape,
+    restrict,
+    row_spans,
+)
 from mammosim.compression.multigrid import _block_kernels as blocks
-from mammosim.compression.multigrid import add_interpolated, coarse_shape, restrict, row_spans
+from mammosim.compression.multigrid._bundle_kernels import WINDOW, block_residual, block_smooth
+from mammosim.compression.multigrid.block_level import bundles_of
 from mammosim.compression.plates._straight_kernels import StraightPlate
 
 SHAPE = (4, 5, 5)
@@ -114,7 +122,8 @@ def test_residual_smoothing_and_scaling_are_those_of_the_matrix():
     u, load, out = random_vector(), random_vector(seed=4), np.zeros((3, *SHAPE), np.float32)
     matrix = naive.dense(stencil)
     residual = (load.ravel() - matrix @ u.ravel()).reshape(u.shape)
-    blocks.block_residual(stencil, span, u, load, out)
+    bundles = bundles_of(stencil, span, Workspace())
+    block_residual(bundles, u, load, out)
     np.testing.assert_allclose(out, residual, atol=1e-4)  # single precision, sums of 81 of size 90
     inverse = np.zeros((*SHAPE[:2], 6, SHAPE[2]), np.float32)
     blocks.invert_blocks(stencil, span, inverse)
@@ -126,12 +135,34 @@ def test_residual_smoothing_and_scaling_are_those_of_the_matrix():
     keep, gain = np.float32(0.3), np.float32(0.7)
     step = random_vector(seed=5)
     expected = keep * step + gain * np.einsum("xyzrc,cxyz->rxyz", inverses, residual)
-    blocks.block_smooth(stencil, span, inverse, u, load, keep, gain, step, out)
+    block_smooth(bundles, inverse, u, load, keep, gain, step, out)
     np.testing.assert_allclose(step, expected, atol=1e-5)  # single precision
     np.testing.assert_allclose(out, u + expected, atol=1e-5)
     blocks.block_scaled(inverse, span, load, gain, out)
     expected = gain * np.einsum("xyzrc,cxyz->rxyz", inverses, load)
     np.testing.assert_allclose(out, expected, atol=1e-7)
+
+
+def test_rows_longer_than_the_buffer_of_the_product():
+    length, rng = WINDOW + 40, np.random.default_rng(6)
+    shape = (3, 4, length)
+    span = np.zeros((*shape[:2], 2), np.int32)
+    span[1, 1], span[1, 2] = (1, length - 1), (9, length - 5)  # their bundles begin elsewhere
+    stencil = np.zeros((*shape[:2], 126, length), np.float32)
+    blocks_of_a_node = rng.standard_normal((*shape[:2], 126))
+    for i, j in ((1, 1), (1, 2)):
+        inside = slice(*span[i, j])
+        stencil[i, j, :, inside] = blocks_of_a_node[i, j, :, None]
+    u = np.repeat(rng.standard_normal((3, *shape[:2], 1)), length, axis=3).astype(np.float32)
+    out = np.zeros_like(u)
+    block_residual(bundles_of(stencil, span, Workspace()), u, np.zeros_like(u), out)
+    short = 30  # away from the ends nothing depends on the place along the row
+    matrix = naive.dense(stencil[..., :short])
+    expected = -(matrix @ u[..., :short].ravel()).reshape(3, *shape[:2], short)[:, 1, 1:3, 20]
+    inner = out[:, 1, 1:3, 11 : length - 7]
+    np.testing.assert_allclose(
+        inner, np.repeat(expected[..., None], inner.shape[-1], axis=-1), atol=1e-4
+    )  # single precision, sums of 81
 
 
 def test_blocks_that_are_not_definite_or_partly_empty_are_inverted_as_defined():

@@ -10,7 +10,7 @@ from mammosim.compression.hyperelastic.gravity import Weight
 from mammosim.compression.hyperelastic.membrane import Membrane
 from mammosim.compression.hyperelastic.surface import SurfacePoints
 from mammosim.compression.hyperelastic.surface_cells import SurfaceCells
-from mammosim.compression.multigrid import BlockLevel
+from mammosim.compression.multigrid import BlockLevel, Workspace
 
 RADIUS = 9.0
 """Of the balloon, cells."""
@@ -109,7 +109,7 @@ def image(stencil, direction):
     span = np.zeros((*stencil.shape[:2], 2), np.int32)
     span[1:-1, 1:-1] = 1, stencil.shape[3] - 1
     out = np.zeros(direction.shape, np.float32)
-    level = BlockLevel.of(stencil, span)
+    level = BlockLevel.of(stencil, span, Workspace())
     level.residual(direction.astype(np.float32), np.zeros(direction.shape, np.float32), out)
     return -out.astype(np.float64)
 

@@ -195,7 +195,7 @@ def _tangent(
     body.add_tangent(u, geometric, stencil)
     contact.add_stiffness(u, geometric, stencil)
     hold(stencil, body.free)
-    return BlockLevel.of(stencil, body.node_span)
+    return BlockLevel.of(stencil, body.node_span, workspace)
 
 
 def _shortened(

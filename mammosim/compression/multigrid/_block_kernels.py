@@ -1,4 +1,4 @@
-"""Kernels of symmetric 27-point stencils of 3 x 3 blocks: product, smoothing, Galerkin coarsening.
+"""Kernels of symmetric 27-point stencils of 3 x 3 blocks: inverse blocks, Galerkin coarsening.
 
 The layout is that of `_tangent_kernels`; vectors are ``[3, x, y, z]`` with one empty layer around.
 Loops over a block's entries end where an array's shape says: the compiler would write out those
@@ -10,89 +10,6 @@ import numpy as np
 from mammosim._jit import contracting_kernel, merged_kernel, share, sized_kernel
 
 _ONE = np.uint64(1)
-
-
-@merged_kernel
-def _row_product(stencil, u, i, j, first, last, out):
-    """``out[r, k] = (A u)[r]`` for one row along z."""
-    out_x, out_y, out_z = out[0], out[1], out[2]
-    for k in range(np.uint64(first), np.uint64(last)):
-        out_x[k] = out_y[k] = out_z[k] = np.float32(0.0)
-    for offset in range(14):
-        flat = offset + 13
-        di, dj, shift = flat // 9 - 1, (flat // 3) % 3 - 1, np.uint64(flat % 3)
-        a, x, y, z = stencil[i, j], u[0, i + di, j + dj], u[1, i + di, j + dj], u[2, i + di, j + dj]
-        e = 9 * offset
-        xx, xy, xz, yx, yy = a[e], a[e + 1], a[e + 2], a[e + 3], a[e + 4]
-        yz, zx, zy, zz = a[e + 5], a[e + 6], a[e + 7], a[e + 8]
-        for k in range(np.uint64(first), np.uint64(last)):
-            p = k + shift - _ONE
-            out_x[k] += xx[k] * x[p] + xy[k] * y[p] + xz[k] * z[p]
-            out_y[k] += yx[k] * x[p] + yy[k] * y[p] + yz[k] * z[p]
-            out_z[k] += zx[k] * x[p] + zy[k] * y[p] + zz[k] * z[p]
-        if offset == 0:
-            continue
-        a, x, y, z = (
-            stencil[i - di, j - dj],
-            u[0, i - di, j - dj],
-            u[1, i - di, j - dj],
-            u[2, i - di, j - dj],
-        )
-        xx, xy, xz, yx, yy = a[e], a[e + 1], a[e + 2], a[e + 3], a[e + 4]
-        yz, zx, zy, zz = a[e + 5], a[e + 6], a[e + 7], a[e + 8]
-        for k in range(np.uint64(first), np.uint64(last)):
-            p = k + _ONE - shift
-            out_x[k] += xx[p] * x[p] + yx[p] * y[p] + zx[p] * z[p]
-            out_y[k] += xy[p] * x[p] + yy[p] * y[p] + zy[p] * z[p]
-            out_z[k] += xz[p] * x[p] + yz[p] * y[p] + zz[p] * z[p]
-
-
-@sized_kernel
-def block_residual(thread, stencil, span, u, load, out):
-    """``out = load - A u``."""
-    for i in share(thread, 1, u.shape[1] - 1):
-        product = np.empty((3, u.shape[3]), np.float32)
-        for j in range(1, u.shape[2] - 1):
-            first, last = span[i, j, 0], span[i, j, 1]
-            if first >= last:
-                continue
-            _row_product(stencil, u, i, j, first, last, product)
-            for r in range(3):
-                source, right, target = product[r], load[r, i, j], out[r, i, j]
-                for k in range(np.uint64(first), np.uint64(last)):
-                    target[k] = right[k] - source[k]
-
-
-@sized_kernel
-def block_smooth(thread, stencil, span, inverse, u, load, keep, gain, step, out):
-    """``step = keep step + gain D^-1 (load - A u)``; ``out = u + step``."""
-    for i in share(thread, 1, u.shape[1] - 1):
-        force = np.empty((3, u.shape[3]), np.float32)
-        for j in range(1, u.shape[2] - 1):
-            first, last = span[i, j, 0], span[i, j, 1]
-            if first >= last:
-                continue
-            _row_product(stencil, u, i, j, first, last, force)
-            for r in range(3):
-                source, right = force[r], load[r, i, j]
-                for k in range(np.uint64(first), np.uint64(last)):
-                    source[k] = right[k] - source[k]
-            for r in range(3):
-                _row_step(inverse, force, i, j, r, first, last, keep, gain, step[r, i, j])
-                here, moved, target = u[r, i, j], step[r, i, j], out[r, i, j]
-                for k in range(np.uint64(first), np.uint64(last)):
-                    target[k] = here[k] + moved[k]
-
-
-@merged_kernel
-def _row_step(inverse, force, i, j, r, first, last, keep, gain, step):
-    """``step = keep step + gain (D^-1 force)[r]``; `inverse` is [xx, xy, xz, yy, yz, zz]."""
-    a = inverse[i, j, r]
-    b = inverse[i, j, (1, 3, 4)[r]]
-    c = inverse[i, j, (2, 4, 5)[r]]
-    x, y, z = force[0], force[1], force[2]
-    for k in range(np.uint64(first), np.uint64(last)):
-        step[k] = keep * step[k] + gain * (a[k] * x[k] + b[k] * y[k] + c[k] * z[k])
 
 
 @sized_kernel
@@ -109,6 +26,17 @@ def block_scaled(thread, inverse, span, load, gain, out):
                     _row_step(
                         inverse, load[:, i, j], i, j, r, first, last, np.float32(0.0), gain, target
                     )
+
+
+@merged_kernel
+def _row_step(inverse, force, i, j, r, first, last, keep, gain, step):
+    """``step = keep step + gain (D^-1 force)[r]``; `inverse` is [xx, xy, xz, yy, yz, zz]."""
+    a = inverse[i, j, r]
+    b = inverse[i, j, (1, 3, 4)[r]]
+    c = inverse[i, j, (2, 4, 5)[r]]
+    x, y, z = force[0], force[1], force[2]
+    for k in range(np.uint64(first), np.uint64(last)):
+        step[k] = keep * step[k] + gain * (a[k] * x[k] + b[k] * y[k] + c[k] * z[k])
 
 
 @sized_kernel

@@ -11,6 +11,13 @@ from numpy.typing import NDArray
 
 from mammosim.compression.multigrid import _block_kernels as blocks
 from mammosim.compression.multigrid import transfers
+from mammosim.compression.multigrid._bundle_kernels import (
+    BUNDLE,
+    Bundles,
+    block_residual,
+    block_smooth,
+    fill_bundles,
+)
 from mammosim.compression.multigrid.cycle import Cycle
 from mammosim.compression.multigrid.grids import coarse_shape, row_spans
 from mammosim.compression.multigrid.scalar_level import DEPENDENT_SHIFT
@@ -34,26 +41,35 @@ class BlockLevel:
         Inverse of each node's own block.
     free : ndarray of float32, [3, x, y, z]
         1 where a displacement moves, else 0.
+    bundles : Bundles
+        The stencil as products with it read it.
+    workspace : Workspace
+        Holds the stencils of the levels.
     """
 
     stencil: NDArray[np.float32]
     span: NDArray[np.int32]
     inverse: NDArray[np.float32]
     free: NDArray[np.float32]
+    bundles: Bundles
+    workspace: Workspace
     cycle: ClassVar[Cycle] = Cycle(smoothed_part=8.0, smoothings=2, coarsest=600)
 
     @classmethod
-    def of(cls, stencil: NDArray[np.float32], span: NDArray[np.int32]) -> BlockLevel:
+    def of(
+        cls, stencil: NDArray[np.float32], span: NDArray[np.int32], workspace: Workspace
+    ) -> BlockLevel:
         """Level of a stencil [x, y, 126, z]."""
         nx, ny, _, nz = stencil.shape
         inverse = np.zeros((nx, ny, 6, nz), np.float32)
         blocks.invert_blocks(stencil, span, inverse)
         free = np.stack([inverse[:, :, e] > 0.0 for e in (0, 3, 5)]).astype(np.float32)
-        return cls(stencil, span, inverse, free)
+        bundles = bundles_of(stencil, span, workspace)
+        return cls(stencil, span, inverse, free, bundles, workspace)
 
     def residual(self, u: Field, load: Field, out: Field) -> None:
         """``out = load - A u``."""
-        blocks.block_residual(self.stencil, self.span, u, load, out)
+        block_residual(self.bundles, u, load, out)
 
     def image(self, direction: Field, workspace: Workspace) -> Field:
         """``-A direction``."""
@@ -71,7 +87,7 @@ class BlockLevel:
         self, u: Field, load: Field, keep: np.float32, gain: np.float32, step: Field, out: Field
     ) -> None:
         """One Chebyshev step from `u` to `out`."""
-        blocks.block_smooth(self.stencil, self.span, self.inverse, u, load, keep, gain, step, out)
+        block_smooth(self.bundles, self.inverse, u, load, keep, gain, step, out)
 
     def restrict(self, fine: Field, out: Field) -> None:
         """Residual of this level to the load of the next."""
@@ -105,14 +121,35 @@ class BlockLevel:
     def coarsened(self) -> BlockLevel:
         """The Galerkin operator of the next level."""
         shape = coarse_shape(self.free.shape[1:])
-        coarse = np.zeros((shape[0], shape[1], 126, shape[2]), np.float32)
+        coarse = self.workspace.array("stencil", (shape[0], shape[1], 126, shape[2]))
+        coarse.fill(0.0)
         blocks.galerkin_of_blocks(self.stencil, self.span, coarse)
         some = (coarse[:, :, 0] != 0.0) | (coarse[:, :, 4] != 0.0) | (coarse[:, :, 8] != 0.0)
-        return BlockLevel.of(coarse, row_spans(some))
+        return BlockLevel.of(coarse, row_spans(some), self.workspace)
 
     def factorised(self, moving: NDArray[np.intp]) -> Any:
         """Cholesky factor of the matrix among the displacements `moving`."""
         return _factorised(self.matrix(moving))
+
+
+def bundles_of(
+    stencil: NDArray[np.float32], span: NDArray[np.int32], workspace: Workspace
+) -> Bundles:
+    """A stencil [x, y, 126, z] as products with it read it.
+
+    Parameters
+    ----------
+    stencil : ndarray of float32, [x, y, 126, z]
+    span : ndarray of int32, [x, y, 2]
+        First and one past the last z index that is used.
+    workspace : Workspace
+        Holds the copy.
+    """
+    count = -(-(span[..., 1] - span[..., 0]).astype(np.int64) // BUNDLE)
+    start = (np.cumsum(count) - count.ravel()).reshape(count.shape)
+    copy = workspace.array(f"bundles of {stencil.shape}", (int(count.sum()), 126 * BUNDLE))
+    fill_bundles(stencil, span, start, copy)
+    return Bundles(span, start, copy)
 
 
 def hold(stencil: NDArray[np.float32], free: NDArray[np.float32]) -> None:
