@@ -3,7 +3,7 @@
     python benchmarks/equilibrium.py robustness [--share 1/7] [--elements 5] [--chest-wall fixed]
         [--results CASES.csv]
     python benchmarks/equilibrium.py convergence [--breasts 3] [--elements 3]
-    python benchmarks/equilibrium.py same-answer [--elements 4]
+    python benchmarks/equilibrium.py same-answer [--breasts 3] [--elements 4]
     python benchmarks/equilibrium.py phantom PHANTOM.mhd [--elements 4 2 1]
 
 `robustness` compresses 48 generated breasts (four densities, 150 to 1400 mL) in CC and MLO, with
@@ -30,6 +30,7 @@ import mammosim
 from mammosim._jit import one_blas_thread
 from mammosim.compression import CompressedBreast
 from mammosim.compression.hyperelastic import Stages
+from mammosim.compression.hyperelastic.newton import State
 from mammosim.compression.hyperelastic_model import body_between_plates
 from mammosim.compression.settings import CompressionSettings
 from mammosim.geometry import View
@@ -201,38 +202,59 @@ def convergence(breasts: int, elements: float) -> None:
             )
 
 
-def same_answer(elements: float) -> None:
-    """From rest; from half the closing steps; from the neighbouring thickness."""
+def same_answer(breasts: int, elements: float) -> None:
+    """From rest; from half the closing steps; from the neighbouring thickness.
+
+    The quickstart's breast first, then others. With `half` the search of the plates' height is
+    repeated, too; the others compare equilibria between the same plates.
+    """
+    for number in range(breasts):
+        volume = 550.0 if number == 0 else float(np.geomspace(200.0, 1200.0, 10)[number - 1])
+        density = DENSITIES[(number + 1) % 4]
+        breast = mammosim.generate_phantom(
+            density=density, volume_ml=volume, voxel_mm=0.8, seed=max(number, 1), laterality="L"
+        )
+        for name, edge in (("CC", 15.0), ("MLO", 5.0)):
+            keys = {**DEFAULTS, "plate_edge_mm": edge, "resolution_mm": elements}
+            usual, why, _ = attempt(breast, name, **keys)
+            print(f"{density} {volume:.0f} mL {name} {why}")
+            print(f"    half the closing steps: {_from_half(breast, name, usual, keys)}")
+            for way, found in _from_elsewhere(usual, keys).items():
+                print(f"    {way}: {found}", flush=True)
+
+
+def _from_half(
+    breast: BreastPhantom, name: str, usual: CompressedBreast, keys: dict[str, Any]
+) -> str:
     from mammosim.compression.hyperelastic import stages as module
 
-    breast = mammosim.generate_phantom(
-        density="scattered", volume_ml=550.0, voxel_mm=0.8, seed=1, laterality="L"
-    )
-    for name, edge in (("CC", 15.0), ("MLO", 5.0)):
-        keys = {**DEFAULTS, "plate_edge_mm": edge, "resolution_mm": elements}
-        usual, _, _ = attempt(breast, name, **keys)
-        increment = module.INCREMENT
-        module.INCREMENT = 0.5 * increment
-        slow, _, _ = attempt(breast, name, **keys)
-        module.INCREMENT = increment
-        energies = " and ".join(f"{one.history['energy_mj'][-1]:.3f}" for one in (usual, slow))
-        print(f"{name}, half the closing steps: {apart(usual, slow)}; {energies} mJ", flush=True)
-        print(f"{name}, from a gap 3 mm wider: {_from_neighbour(breast, name, usual, keys)}")
+    increment = module.INCREMENT
+    module.INCREMENT = 0.5 * increment
+    slow, _, _ = attempt(breast, name, **keys)
+    module.INCREMENT = increment
+    energies = " and ".join(f"{one.history['energy_mj'][-1]:.3f}" for one in (usual, slow))
+    return f"{apart(usual, slow)}; {energies} mJ"
 
 
 @one_blas_thread
-def _from_neighbour(
-    breast: BreastPhantom, name: str, usual: CompressedBreast, keys: dict[str, Any]
-) -> str:
-    view, settings = usual.view, CompressionSettings(**keys)
-    between = body_between_plates(usual.phantom, view, settings)
+def _from_elsewhere(usual: CompressedBreast, keys: dict[str, Any]) -> dict[str, str]:
+    """Between the plates of a compression, from rest and from gaps 3 mm wider and narrower."""
+    settings = CompressionSettings(**keys)
+    between = body_between_plates(usual.phantom, usual.view, settings)
     stages = Stages(between.mesh, between.plates.edge_mm, settings.tolerance_mm)
     plates = between.plates.at_height(0.5 * (usual.support_z_mm + usual.paddle_z_mm))
-    wide = plates.at_height(plates.centre_mm, plates.thickness_mm + 3.0)
-    state = stages.settle(plates, stages.compress(wide))
-    nodes, edge = between.mesh.body.nodes, float(between.mesh.nodes.spacing_mm[0])
-    moved = edge * np.moveaxis(state.u, 0, -1)[nodes] @ view.rotation
-    places = (between.mesh.nodes.origin_mm + edge * np.argwhere(nodes)) @ view.rotation
+    found = {"from rest": _beside(usual, stages, stages.compress(plates))}
+    for way, change in (("from a gap 3 mm wider", 3.0), ("from a gap 3 mm narrower", -3.0)):
+        other = plates.at_height(plates.centre_mm, plates.thickness_mm + change)
+        found[way] = _beside(usual, stages, stages.settle(plates, stages.compress(other)))
+    return found
+
+
+def _beside(usual: CompressedBreast, stages: Stages, state: State) -> str:
+    """Distance of a state from a compression, and both energies."""
+    nodes, edge = stages.mesh.body.nodes, float(stages.mesh.nodes.spacing_mm[0])
+    moved = edge * np.moveaxis(state.u, 0, -1)[nodes] @ usual.view.rotation
+    places = (stages.mesh.nodes.origin_mm + edge * np.argwhere(nodes)) @ usual.view.rotation
     distance = np.linalg.norm(moved - usual.displacement_at(places), axis=1)
     energies = f"{usual.history['energy_mj'][-1]:.3f} and {stages.rows[-1]['energy_mj']:.3f} mJ"
     return f"mean {distance.mean():.4f}, largest {distance.max():.3f} mm; {energies}"
@@ -282,7 +304,7 @@ def main() -> None:
     elif arguments.what == "convergence":
         convergence(arguments.breasts, *(elements or [3.0]))
     elif arguments.what == "same-answer":
-        same_answer(*(elements or [4.0]))
+        same_answer(arguments.breasts, *(elements or [4.0]))
     else:
         phantom(arguments.phantom, elements or [4.0, 2.0, 1.0])
 

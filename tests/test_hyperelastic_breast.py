@@ -83,7 +83,39 @@ def test_the_way_does_not_matter(usual, monkeypatch):
     assert slow.history.size != usual.history.size
     points = tissue(usual.phantom)
     apart = np.linalg.norm(usual.displacement_at(points) - slow.displacement_at(points), axis=1)
-    assert apart.mean() <= 0.1
+    assert apart.mean() <= 0.01
+
+
+@one_blas_thread
+def test_no_tissue_is_caught_at_the_plates_edge(monkeypatch):
+    """From rest, from wider and from narrower plates: one state."""
+    keys = {**KEYS, "stiffness": "aspiration", "plate_edge_mm": 15.0, "thickness_mm": 40.0}
+    between = body_between_plates(skinned(3.0), View("CC", "L", 45.0), CompressionSettings(**keys))
+    plates, centre_mm = between.plates, between.plates.centre_mm
+
+    def farthest_apart_mm():
+        stages = Stages(between.mesh, plates.edge_mm, 0.02 / 6.0)
+        starts = [stages.compress(plates.at_height(centre_mm, gap)) for gap in (36.0, 50.0)]
+        one, *others = stages.compress(plates), *(stages.settle(plates, s) for s in starts)
+        assert all(state.converged for state in (one, *others))
+        return 6.0 * max(np.abs(other.u - one.u).max() for other in others)
+
+    assert farthest_apart_mm() <= 0.05
+    # A sharper edge than elements resolve holds them back one by one.
+    for radius in ("SHARP", "BLUNT"):
+        monkeypatch.setattr(f"mammosim.compression.hyperelastic.stages.{radius}", 0.0)
+    assert farthest_apart_mm() > 1.0
+
+
+def test_plates_that_do_not_touch_yet_leave_the_body_at_rest():
+    between = body_between_plates(skinned(3.0), View("CC", "L", 45.0), CompressionSettings(**KEYS))
+    stages = Stages(between.mesh, between.plates.edge_mm, 0.02 / 6.0)
+    contact = stages.contact(0, between.plates.at_height(0.0, 200.0))
+    u = np.zeros((3, *between.mesh.body.nodes.shape))
+    state = minimise(between.mesh.body, contact, u, 0.02, Workspace())
+    assert state.converged
+    assert state.last.error == 0.0
+    assert not state.u.any()
 
 
 def test_an_equilibrium_is_that_of_the_law_and_not_of_its_parabola():
@@ -184,9 +216,8 @@ def test_friction_holds_the_surface(usual):
         """Strain across of the tissue beneath the paddle."""
         return np.polyfit(pressed[:, 1], found.displacement_at(pressed)[:, 1], 1)[0]
 
-    # What the plates hold spreads less beneath them, and resists more.
+    # What the plates hold spreads less beneath them.
     assert 0.0 < spread(held) < 0.95 * spread(usual)
-    assert held.force_n > 1.02 * usual.force_n
     forces = held.force_n, held.measures["support_force_n"]
     assert max(forces) - min(forces) <= BALANCED * max(forces)
 
@@ -258,7 +289,7 @@ def test_the_moment_about_the_hinge_is_the_springs(usual):
 
 def test_a_paddle_that_gives_way_presses_as_much_as_the_support():
     """Also where it tilts far, so that the height that was balanced for a level one is not its."""
-    tilt = {"spring_nm_per_deg": 0.15, "hinge_mm": 50.0, "max_deg": 10.0}
+    tilt = {"spring_nm_per_deg": 0.12, "hinge_mm": 50.0, "max_deg": 10.0}
     breast = skinned()
     flat = breast.labels.copy()
     flat[10:, :, 32:] = 0  # no tissue higher than 8 mm above the middle in front

@@ -20,6 +20,7 @@ from mammosim.compression.hyperelastic.newton import State, Step, evaluate, step
 from mammosim.compression.hyperelastic.sliding import anchors, held_by_friction
 from mammosim.compression.hyperelastic.surface import SurfacePoints
 from mammosim.compression.hyperelastic.trust_region import minimise
+from mammosim.compression.hyperelastic.unfolding import smoothed_folds
 from mammosim.compression.multigrid import Workspace, add_interpolated
 from mammosim.compression.plates import EDGE_RADIUS_MM, Plates
 
@@ -47,6 +48,11 @@ EDGE_REACH = 4.0
 """Distance from the plates' edge, in units of its radius, within which the surface has several
 points an element: it is stretched around the edge there, and would cut through it between points
 that are too far apart."""
+
+SHARP, BLUNT = 1.0, 2.0
+"""Smallest radius of the plates' edge, in element edges, and that with which an equilibrium is
+sought first. Round a sharper one the surface passes element by element, each held back by the edge:
+there are then many equilibria, and the way of the plates decides on one."""
 
 INCREMENT = 0.06
 """Part of the breast's height by which the plates close at a time, at first."""
@@ -144,9 +150,14 @@ class Stages:
         corner, edge = self._frame(level)
         return (x_mm - corner[0]) / edge
 
+    def _blunted(self, plates: Plates, level: int) -> Plates:
+        """Plates with an edge that the surface of one of the bodies passes without a catch."""
+        return replace(plates, radius_mm=max(plates.radius_mm, BLUNT * self._frame(level)[1]))
+
     def contact(self, level: int, plates: Plates) -> Contact:
-        """The surface of one of the bodies between plates."""
+        """The surface of one of the bodies between plates, whose edge is as sharp as it can be."""
         corner, edge = self._frame(level)
+        plates = replace(plates, radius_mm=max(plates.radius_mm, SHARP * edge))
         return Contact(self.points[level], plates.solids(corner, edge), PENALTY * self._softness)
 
     def compress(self, plates: Plates, finest: int = 0, start: State | None = None) -> State:
@@ -161,8 +172,9 @@ class Stages:
             Of the body after `finest`, between plates at or near these; otherwise the breast is
             compressed from rest.
         """
-        first = finest if start else len(self.bodies) - 2
-        state = start or self._close(len(self.bodies) - 1, plates)
+        last = len(self.bodies) - 1
+        first = finest if start else last - 1
+        state = start or self._close(last, plates)
         for level in range(first, finest - 1, -1):
             u = interpolated(state.u, self.bodies[level + 1], self.bodies[level])
             moved = replace(state, u=u, grip=self._refined(state.grip, level))
@@ -170,25 +182,40 @@ class Stages:
         return state
 
     def settle(self, plates: Plates, start: State, level: int = 0) -> State:
+        """State of one of the bodies between plates, from one near it, on which it hardly depends.
+
+        It is sought between plates with a blunt edge, which is then sharpened.
+        """
+        blunt = self._blunted(plates, level)
+        state = start if blunt == plates else self._led(blunt, start, level, loose=True)
+        return state if state.interrupted else self._led(plates, state, level)
+
+    def _led(self, plates: Plates, start: State, level: int, loose: bool = False) -> State:
         """State of one of the bodies between plates, from one near it.
 
-        Elements that are folded at the start are unfolded first.
+        Elements that are folded at the start are smoothed away or, where that does not lead to an
+        equilibrium, unfolded by a softened body.
         """
-        body, u = self.bodies[level], start.u
-        if body.energy_and_forces(u)[1] < FOLDED:
-            local, least = UNFOLDING
-            softened = replace(body, local_part=local, least_volume=least)
-            contact, gap_mm = self.contact(level, plates), plates.thickness_mm
-            state = self._minimise(softened, level, contact, gap_mm, u, CLOSING_TOLERANCE, UNFOLDED)
-            if state.interrupted:
+        body, held = self.bodies[level], Held(start.u, start.grip)
+        if body.energy_and_forces(start.u)[1] >= FOLDED:
+            return self._finish(level, plates, start.u, held, loose)
+        u = smoothed_folds(body, start.u, UNFOLDED)
+        if body.energy_and_forces(u)[1] >= FOLDED:
+            state = self._finish(level, plates, u, held, loose)
+            if state.converged or state.interrupted:
                 return state
-            u = state.u
-        return self._finish(level, plates, u, Held(start.u, start.grip))
+        local, least = UNFOLDING
+        softened = replace(body, local_part=local, least_volume=least)
+        contact, gap_mm, u = self.contact(level, plates), plates.thickness_mm, start.u
+        state = self._minimise(softened, level, contact, gap_mm, u, CLOSING_TOLERANCE, UNFOLDED)
+        return state if state.interrupted else self._finish(level, plates, state.u, held, loose)
 
-    def _finish(self, level: int, plates: Plates, u: NDArray[np.float64], before: Held) -> State:
-        """State of one of the bodies, to its level's tolerance, from a displacement near it."""
+    def _finish(
+        self, level: int, plates: Plates, u: NDArray[np.float64], before: Held, loose: bool
+    ) -> State:
+        """State of one of the bodies from a displacement near it; `loose`: to start others from."""
         body = self.bodies[level]
-        if level > 0:
+        if loose or level > 0:
             return self._equilibrium(body, level, plates, u, LOOSE, before)
         state = self._equilibrium(body, level, plates, u, self.tolerance, before)
         if not state.converged or state.value.smallest >= body.least_volume:
@@ -214,9 +241,14 @@ class Stages:
         return weightless
 
     def _close(self, level: int, plates: Plates) -> State:
-        """State of a body between plates that close from where they touch it, step by step."""
+        """State of a body between plates that close from where they touch it, step by step.
+
+        They do so with a blunt edge, which is then sharpened.
+        """
         u = np.zeros((3, *self.bodies[level].nodes.shape))
-        before, done, gone, open_plates = u, 0.0, 0.0, self._touching(level, plates)
+        before, done, gone = u, 0.0, 0.0
+        blunt = self._blunted(plates, level)
+        open_plates = self._touching(level, blunt)
         held = Held(
             u, Grip.none(open_plates, len(self.points[level].area)) if self.friction else None
         )
@@ -224,11 +256,11 @@ class Stages:
         increment = INCREMENT * open_plates.thickness_mm / max(closing, 1e-9)
         while True:
             part = min(1.0, done + increment)
-            between = open_plates.closing_to(plates, part)
+            between = open_plates.closing_to(blunt, part)
             ahead = (part - done) / (done - gone) if done > gone else 0.0
             guess = u + ahead * (u - before)
             if part == 1.0:
-                state = self._finish(level, between, guess, held)
+                state = self._finish(level, between, guess, held, loose=True)
             else:
                 body = self.bodies[level]
                 state = self._equilibrium(body, level, between, guess, CLOSING_TOLERANCE, held)
@@ -238,7 +270,7 @@ class Stages:
                 before, u, gone, done = u, state.u, done, part
                 held = Held(u, state.grip)
                 if done == 1.0:
-                    return state
+                    return self._led(plates, state, level)
             elif increment * closing < SMALLEST_INCREMENT * open_plates.thickness_mm:
                 return state
             else:

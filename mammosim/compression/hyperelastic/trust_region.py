@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,9 @@ UNBOUNDED = 1e30
 
 ROUNDING = 1e-13
 """Relative, of the energy's sum over a million elements."""
+
+AT_REST = 1e-9
+"""Unbalanced force (`Step.out_of_balance`) that is rounding: nothing touches the body."""
 
 WORST_CURVATURE = -2.0
 """Negative curvature, relative to the V-cycle's, beyond which it is not followed: it is that of
@@ -141,6 +144,8 @@ def minimise(
     done = interrupted = False
     for number in range(max_steps + 1):
         step = step_of(body, contact, value, cycles, length, error)
+        if step.out_of_balance <= AT_REST:
+            step, done = replace(step, error=0.0, largest_error=0.0), True
         if watch:
             watch(step)
         if done or length == 0.0 or number == max_steps or value.smallest >= unfolded:

@@ -16,6 +16,9 @@ from mammosim.compression.settings import SMALL_PADDLE_MM
 EDGE_RADIUS_MM = 3.0
 """Of the rounding at the plates' edge; the paddle of FDA's VICTRE has it."""
 
+MAX_ROUNDED = 0.4
+"""Part of a panel's smaller side that the radius of its edges takes up at most."""
+
 
 @dataclass(frozen=True)
 class Panel:
@@ -39,6 +42,11 @@ class Panel:
     high_mm: float
     hinge_mm: float
     tilt_deg: float = 0.0
+
+    @property
+    def widest_rounding_mm(self) -> float:
+        """Largest radius of its edges that leaves its face a flat part, mm."""
+        return MAX_ROUNDED * min(self.front_mm - self.back_mm, self.high_mm - self.low_mm)
 
     def covers(self, places_mm: NDArray[np.float64], edge_mm: float) -> NDArray[np.bool_]:
         """Which of some places (n, 3), compression frame, lie over or under it where it is level.
@@ -73,6 +81,8 @@ class PlatePlace(NamedTuple):
     panel : Panel, optional
         What it covers, in mm in front of `edge` along x and beside `middle` along y; None: all in
         front of its edge.
+    radius_mm : float
+        Of its rounded edge, mm.
     """
 
     face: float
@@ -81,11 +91,12 @@ class PlatePlace(NamedTuple):
     middle: float
     spacing_mm: float
     panel: Panel | None = None
+    radius_mm: float = EDGE_RADIUS_MM
 
 
 def straight(place: PlatePlace) -> StraightPlate:
     """A flat plate with a straight edge."""
-    return StraightPlate(place.face, place.side, place.edge, EDGE_RADIUS_MM / place.spacing_mm)
+    return StraightPlate(place.face, place.side, place.edge, place.radius_mm / place.spacing_mm)
 
 
 def panel(place: PlatePlace) -> PanelPlate:
@@ -100,7 +111,7 @@ def panel(place: PlatePlace) -> PanelPlate:
         place.edge + covered.front_mm / spacing,
         place.middle + covered.low_mm / spacing,
         place.middle + covered.high_mm / spacing,
-        EDGE_RADIUS_MM / spacing,
+        min(place.radius_mm, covered.widest_rounding_mm) / spacing,
         place.edge + covered.hinge_mm / spacing,
         float(np.sin(angle)),
         float(np.cos(angle)),
@@ -126,6 +137,8 @@ class Plates:
         Shape of the paddle, a name in `SHAPES`; the breast support is straight.
     panel : Panel, optional
         What a paddle of the shape `panel` covers, x counted from `edge_mm`.
+    radius_mm : float
+        Of their rounded edges, mm.
     """
 
     support_z_mm: float
@@ -133,6 +146,7 @@ class Plates:
     edge_mm: float
     paddle: str = "straight"
     panel: Panel | None = None
+    radius_mm: float = EDGE_RADIUS_MM
 
     @property
     def thickness_mm(self) -> float:
@@ -164,7 +178,8 @@ class Plates:
 
         def solid(shape: str, z_mm: float, side: float, panel: Panel | None = None) -> Any:
             face = float((z_mm - origin_mm[2]) / spacing_mm)
-            return SHAPES[shape](PlatePlace(face, side, edge, middle, spacing_mm, panel))
+            place = PlatePlace(face, side, edge, middle, spacing_mm, panel, self.radius_mm)
+            return SHAPES[shape](place)
 
         paddle = solid(self.paddle, self.paddle_z_mm, 1.0, self.panel)
         return paddle, solid("straight", self.support_z_mm, -1.0)
