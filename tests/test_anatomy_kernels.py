@@ -129,6 +129,14 @@ def test_gathered_cells_give_the_walls_of_all_cells(net):
             assert near.fatness[inside] == pytest.approx(fatness)
 
 
+def filled(near, cells, at, thick_mm, voxel_mm, border_mm):
+    """Part of a voxel at a place of the lattice that the walls of gathered cells fill."""
+    inside, least, _, _ = _net_kernels.three_nearest(near.place, cells, *at)
+    return _net_kernels.wall_fill(
+        near.place, near.pair, cells, inside, least, at, thick_mm, voxel_mm, border_mm
+    )
+
+
 def test_walls_fill_their_thickness_whatever_the_voxel(net):
     """Filling times the voxel's side, added up across a wall, is the wall's thickness."""
     near = _net_kernels.new_near()
@@ -138,12 +146,7 @@ def test_walls_fill_their_thickness_whatever_the_voxel(net):
     factor = near.pair[0, 1, 1]
     for voxel in (0.1, 0.2, 0.5, 1.0):
         x = np.arange(2.0 + 0.37 * voxel, 8.0, voxel)
-        filling = [
-            _net_kernels.wall_fill(
-                near.place, near.pair, near.scale, 2, at / 10.0, 0.0, 0.0, 0.3, voxel, 1.1
-            )
-            for at in x
-        ]
+        filling = [filled(near, 2, (at / 10.0, 0.0, 0.0), 0.3, voxel, 1.1) for at in x]
         assert np.sum(filling) * voxel == pytest.approx(0.3 * factor, rel=1e-9)
 
 
@@ -211,15 +214,11 @@ def test_walls_join_in_fillets_whatever_the_voxel():
     assert 0.9 < size < 2.0
     for voxel in (0.02, 0.05):
         axis = np.arange(3.0 + 0.5 * voxel, 5.0, voxel) / 10.0
-        filled = sum(
-            _net_kernels.wall_fill(
-                near.place, near.pair, near.scale, 3, x, y, 0.0, 1e-9, voxel, 4.0
-            )
-            for x in axis
-            for y in axis
+        area = voxel**2 * sum(
+            filled(near, 3, (x, y, 0.0), 1e-9, voxel, 4.0) for x in axis for y in axis
         )
         # The face is some voxels long, and is spread over two.
-        assert filled * voxel**2 == pytest.approx(size**2 / 6.0, rel=0.1 if voxel < 0.03 else 0.25)
+        assert area == pytest.approx(size**2 / 6.0, rel=0.1 if voxel < 0.03 else 0.25)
 
 
 def test_fibres_follow_edges_and_do_not_turn_back():

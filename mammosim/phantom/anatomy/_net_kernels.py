@@ -39,8 +39,9 @@ ROUNDING_REACH = 1.1
 GOLDEN = 0.6180339887498949
 """Multiples of the golden ratio, less their whole parts, are spread evenly."""
 
-MOST_BORDER, BORDER_SLOPE = 2.2, 2.5
-"""Most that a fillet is larger than the mean one, chosen by eye; and how steeply the sum that
+MOST_BORDER, BORDER_PART, BORDER_SLOPE = 1.8, 0.65, 2.5
+"""Most that a fillet is larger than the mean one, chosen by eye; the part of its size to which it
+reaches along a wall, where it is a twenty-fifth of its size thick; and how steeply the sum that
 decides on it rises across its face."""
 
 CONE = 1.7320508
@@ -297,7 +298,7 @@ def wall_reach(thick_mm: float, voxel_mm: float) -> float:
 @merged_kernel
 def border_reach(border_mm: float, voxel_mm: float) -> float:
     """Distance from two walls up to which the fillet between them may fill voxels, mm."""
-    return MOST_BORDER * border_mm + voxel_mm
+    return BORDER_PART * MOST_BORDER * border_mm + voxel_mm
 
 
 @merged_kernel
@@ -318,16 +319,10 @@ def thread_fill(gap_mm: float, radius_mm: float, voxel_mm: float) -> float:
 
 
 @merged_kernel
-def wall_fill(
-    place: NDArray[np.float64], pair: NDArray[np.float64], scale: NDArray[np.float64], n: int,
-    x: float, y: float, z: float, thick_mm: float, voxel_mm: float, border_mm: float,
-) -> float:  # fmt: skip
-    """Part of a voxel that walls of a mean thickness fill: the overlap of slab and voxel.
-
-    Where two walls meet they are joined by fillets, as films of a foam are by Plateau borders: a
-    place at distances a and b from them is filled if sqrt a + sqrt b is less than the root of
-    `border_mm` times the product of both thicknesses against the mean.
-    """
+def three_nearest(
+    place: NDArray[np.float64], n: int, x: float, y: float, z: float
+) -> tuple[int, float, float, float]:
+    """Which cell holds a point of the lattice, its q there (see `Near`) and the next two."""
     inside, least, second, third = 0, np.inf, np.inf, np.inf
     for a in range(n):
         q = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
@@ -337,10 +332,23 @@ def wall_fill(
             second, third = q, second
         elif q < third:
             third = q
+    return inside, least, second, third
+
+
+@merged_kernel
+def wall_fill(
+    place: NDArray[np.float64], pair: NDArray[np.float64], n: int, inside: int, least: float,
+    at: tuple[float, float, float], thick_mm: float, voxel_mm: float, border_mm: float,
+) -> float:  # fmt: skip
+    """Part of a voxel that walls of a mean thickness fill: the overlap of slab and voxel.
+
+    `inside` is the cell that holds the place `at`, and `least` its q. Where two walls meet they are
+    joined by fillets, as films of a foam are by Plateau borders: a place at distances a and b from
+    them is filled if sqrt a + sqrt b is less than the root of `border_mm` times the product of both
+    thicknesses against the mean, and neither is above `BORDER_PART` of that length.
+    """
+    x, y, z = at
     fill, wide = 0.0, 0.5 * voxel_mm
-    away = (second - least) * scale[inside] >= wall_reach(thick_mm, voxel_mm)
-    if away and (third - least) * scale[inside] >= border_reach(border_mm, voxel_mm):
-        return fill
     one, other, strong, weak = np.inf, np.inf, 0.0, 0.0
     for b in range(n):
         strength = pair[inside, b, 1]
@@ -354,8 +362,8 @@ def wall_fill(
                 one, other, strong, weak = gap, one, strength, strong
             elif gap < other:
                 other, weak = gap, strength
-    radius = border_mm * min(strong * weak, MOST_BORDER)
-    if radius > 0.0 and one + other < radius + 2.0 * voxel_mm:
-        way = one + other + 2.0 * np.sqrt(one * other) - radius
+    size = border_mm * min(strong * weak, MOST_BORDER)
+    if other < BORDER_PART * size + voxel_mm:
+        way = one + other + 2.0 * np.sqrt(one * other) - size
         fill = max(fill, min(0.5 - way / (BORDER_SLOPE * voxel_mm), 1.0))
     return fill

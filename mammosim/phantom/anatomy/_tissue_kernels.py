@@ -36,8 +36,8 @@ from mammosim.phantom.anatomy._block_kernels import (
     sub_row_values,
 )
 from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
-from mammosim.phantom.anatomy._grain_kernels import grain_at, wall_unevenness
-from mammosim.phantom.anatomy._net_kernels import wall_fill
+from mammosim.phantom.anatomy._grain_kernels import MOST_UNEVEN, grain_at, wall_unevenness
+from mammosim.phantom.anatomy._net_kernels import border_reach, three_nearest, wall_fill, wall_reach
 from mammosim.phantom.anatomy._noise_kernels import lattice_hash
 from mammosim.phantom.anatomy._parenchyma_kernels import (
     BORDER_MM,
@@ -46,6 +46,10 @@ from mammosim.phantom.anatomy._parenchyma_kernels import (
     gather_walls,
 )
 from mammosim.phantom.anatomy._surface_kernels import dither, in_nipple, in_root
+
+APPROACH = 1.3
+"""A step along a row comes nearer to a wall by no more than this many times its length: above 1
+where coordinates are not linear within a block."""
 
 
 @parallel_kernel
@@ -160,9 +164,12 @@ def _fill_block(
     place, pair, scale = block.near.place, block.near.pair, block.near.scale
     cut_y, cut_z, cut_mm = paint.cut[0], paint.cut[1], paint.cut[2]
     areola, areola_mm = paint.areola_mm[0], paint.areola_mm[1]
-    net, net_at = texture.lobules, NET
+    net, net_at, border = texture.lobules, NET, BORDER_MM
+    reach = wall_reach(MOST_UNEVEN * corner[SEPTUM].max(), voxel)
     if only_muscle:
-        net, net_at = texture.bundles, FIBRE
+        net, net_at, border = texture.bundles, FIBRE, 0.0
+        reach = wall_reach(MUSCLE_FAT, voxel)
+    far, per_step = border_reach(border, voxel), 1.0 / (APPROACH * voxel)
     o0, o1, o2, per = net.origin_mm[0], net.origin_mm[1], net.origin_mm[2], 1.0 / net.cell_mm
     tile, tile_scale, cap = texture.grain_tile, texture.tile_scale, texture.gland_cap
     streaks = texture.muscle_streaks
@@ -179,6 +186,7 @@ def _fill_block(
                 step[channel] = row_end(corner, channel, u, v, 1) - low[channel]
             if gland == 1:
                 sub_row_values(sub, u, v, sub_row)
+            free_k = first_k
             for k in range(first_k, last_k):
                 z = z_mm[k]
                 if y * cut_y + z * cut_z > cut_mm:
@@ -223,15 +231,25 @@ def _fill_block(
                         continue
                 fill = held
                 if in_muscle == only_muscle and walls > 1:
-                    thick, border = MUSCLE_FAT, 0.0
-                    if not in_muscle:
-                        border = BORDER_MM
-                        thick = low[SEPTUM] + w * step[SEPTUM]
-                        thick *= wall_unevenness(tile, tile_scale, p, q, r)
-                    fill += wall_fill(
-                        place, pair, scale, walls,
-                        (p - o0) * per, (q - o1) * per, (r - o2) * per, thick, voxel, border,
-                    )  # fmt: skip
+                    if k >= free_k:
+                        x_cell, y_cell, z_cell = (p - o0) * per, (q - o1) * per, (r - o2) * per
+                        inside, least, second, third = three_nearest(
+                            place, walls, x_cell, y_cell, z_cell
+                        )
+                        free = min(
+                            (second - least) * scale[inside] - reach,
+                            (third - least) * scale[inside] - far,
+                        )
+                        free_k = k + 1 + int(max(free, -voxel) * per_step)
+                        if free < 0.0:
+                            thick = MUSCLE_FAT
+                            if not in_muscle:
+                                thick = low[SEPTUM] + w * step[SEPTUM]
+                                thick *= wall_unevenness(tile, tile_scale, p, q, r)
+                            fill += wall_fill(
+                                place, pair, walls, inside, least, (x_cell, y_cell, z_cell),
+                                thick, voxel, border,
+                            )  # fmt: skip
                     if in_muscle and grain_at(tile, tile_scale, p, q, r) > streaks:
                         fill = 1.0
                 if fill <= 0.0:
