@@ -29,10 +29,12 @@ def test_air_is_black_and_fat_grey_up_to_the_skin():
     fat = inside & (depth > 4.0)
     fat[250:420, 40:200] = False
     before = attenuation[fat]
-    # the raw margin falls to half of the plateau and below; shown, it is fat all over
+    # the raw margin falls to half of the plateau and below; shown, it is fat all over, which
+    # brightens towards the skin as on clinical images (0.24 to 0.36 at 3 mm)
     assert before.min() < 0.7 * before.max()
     assert pixels[fat].min() > 0.10 * MAXIMUM
-    assert pixels[fat].max() < 0.25 * MAXIMUM
+    assert pixels[fat].max() < 0.36 * MAXIMUM
+    assert pixels[fat & (depth > 12.0)].max() < 0.22 * MAXIMUM
 
 
 def test_gland_is_brighter_than_fat():
@@ -77,9 +79,10 @@ def test_a_nipple_is_brighter_than_fat_and_joins_the_breast():
     assert shown.min() > 0.10 * MAXIMUM
     assert shown.max() < 0.70 * MAXIMUM
     bare = present(attenuation, PIXEL_MM).pixels.astype(int)
-    # the margin's profile is averaged along the edge, with a Gaussian of 12 mm
+    # the margin's profile is averaged along the edge, with a Gaussian of 12 mm; bright fat at the
+    # margin lies where the toe of the curve is steeper
     far = np.hypot(*(np.indices(SHAPE) - [[[row]], [[250]]])) * PIXEL_MM > 40.0
-    assert np.abs(pixels[far] - bare[far]).max() < 0.01 * MAXIMUM
+    assert np.abs(pixels[far] - bare[far]).max() < 0.015 * MAXIMUM
 
 
 def test_more_attenuation_in_the_nipple_is_brighter():

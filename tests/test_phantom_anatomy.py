@@ -56,7 +56,9 @@ def from_open_end(breast):
 
 
 def test_outline_alone_is_that_of_the_breast():
-    settings = GenerateSettings(density="dense", voxel_mm=4.0, volume_ml=300.0)
+    settings = GenerateSettings(
+        density="dense", voxel_mm=4.0, volume_ml=300.0, nipple_height_mm=8.0
+    )
     breast, outline = (
         make(settings, seed=2, laterality="R") for make in (generate_phantom, generate_outline)
     )
@@ -146,14 +148,14 @@ def test_skin_covers_the_breast_at_its_thickness():
     own = ~np.isin(breast.labels, [LABEL["nipple"], LABEL["duct"]]) & (from_open_end(breast) > 5.0)
     own[-60:] = False
     # Voxel centres lie between half a voxel and one and a half behind the nearest air voxel's.
-    # Nowhere it is more than 1.6 times as thick as on average, nor less than 0.55 times.
-    outer, inner = tissue & own & (depth < 1.0), tissue & own & (depth > 1.6 * 2.0 + 0.75)
+    # Nowhere it is more than 1.7 times as thick as on average, nor less than half.
+    outer, inner = tissue & own & (depth < 1.0), tissue & own & (depth > 1.7 * 2.0 + 0.75)
     assert (breast.labels[outer] == LABEL["skin"]).mean() > 0.999
     assert not (breast.labels[inner] == LABEL["skin"]).any()
 
 
 def test_the_areola_has_thicker_skin(scattered):
-    """Along x, beside the nipple, against the same place without the extra 0.5 to 1.7 mm."""
+    """Along x, beside the nipple, against the same place without the extra 0.6 to 1.9 mm."""
     labels = scattered.labels
     nipple = np.rint(scattered.frame.index(scattered.nipple_mm)).astype(int)
     y, z = nipple[1:]
@@ -161,7 +163,7 @@ def test_the_areola_has_thicker_skin(scattered):
             if 8.5 <= 0.75 * np.hypot(a, b) <= 9.0]  # fmt: skip
     thickness = np.mean([(line == LABEL["skin"]).sum() * 0.75 for line in ring])
     # The surface is inclined to x by up to 30 degrees there, which makes lines in it longer.
-    assert 1.45 + 0.3 < thickness < (1.45 + 1.7) / np.cos(np.deg2rad(35.0))
+    assert 1.45 + 0.3 < thickness < (1.45 + 1.9) / np.cos(np.deg2rad(35.0))
 
 
 def test_gland_lies_under_fat_and_before_the_muscle(scattered):
@@ -212,8 +214,8 @@ def test_the_nipple_stands_out():
         generate_phantom("b", 0.75, 3, nipple_height_mm=height, **settings) for height in (5, 9)
     )
     nipple = low.frame.position_mm(np.argwhere(low.labels == LABEL["nipple"]))
-    # Its very foot is up to 2.5 mm wider all around, the lowest voxels less, and it is uneven.
-    assert 10.0 < np.ptp(nipple[:, 1]) < 10.0 + 2 * (1.2 + 1.0) + 0.75
+    # Its very foot is 3 mm wider all around, and it is uneven by 1.1 mm.
+    assert 10.0 < np.ptp(nipple[:, 1]) < 10.0 + 2 * (3.0 + 1.1) + 0.75
     # It leans by up to half its height.
     np.testing.assert_allclose(nipple[:, 1:].mean(axis=0), 0.0, atol=1.5)
     np.testing.assert_allclose(low.nipple_mm[1:], 0.0, atol=3.0)

@@ -24,7 +24,7 @@ MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.7, 0.4
 
 # On the shoulder, details (ln) well below the limit keep this part of their contrast: fibres and
 # grain of muscle. Those well above do not, or the muscle's edge would get a halo.
-FINE_SHOULDER_SLOPE, FINE_LIMIT = 0.9, 0.035
+FINE_SHOULDER_SLOPE, FINE_LIMIT = 0.9, 0.032
 
 # Slope of the toe below which details are not raised any further.
 FLATTEST_TOE = 0.05

@@ -15,6 +15,7 @@ from mammosim.phantom.anatomy._block_kernels import (
     Lattice,
     Paint,
 )
+from mammosim.phantom.anatomy._noise_kernels import lattice_hash
 from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut, in_nipple, in_root
 
 
@@ -22,8 +23,12 @@ from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut, in_nip
 def paint_outline(
     labels: NDArray[np.uint8], lattice: Lattice, paint: Paint, depth_mm: NDArray[np.float64],
     muscle_mm: NDArray[np.float64], gland: NDArray[np.float64], skin_mm: float,
+    muscle_fat: float,
 ) -> None:  # fmt: skip
-    """Skin, nipple, muscle, gland where its potential exceeds the threshold, and fat elsewhere."""
+    """Skin, nipple, muscle, gland where its potential exceeds the threshold, and fat elsewhere.
+
+    `muscle_fat` is the share of fat within muscle.
+    """
     for i in range(labels.shape[0]):
         x = lattice.x_mm[i]
         for j in range(labels.shape[1]):
@@ -42,7 +47,8 @@ def paint_outline(
                 elif in_root(x, y, z, depth - thick, paint.nipple):
                     labels[i, j, k] = paint.labels[NIPPLE]
                 elif depth > paint.cover_mm and muscle_mm[i, j, k] > 0.0:
-                    labels[i, j, k] = paint.labels[MUSCLE]
+                    fat = lattice_hash(i, j, k, 0) / 4294967296.0 < muscle_fat
+                    labels[i, j, k] = paint.labels[ADIPOSE if fat else MUSCLE]
                 elif gland[i, j, k] > paint.threshold:
                     labels[i, j, k] = paint.labels[GLAND]
                 else:

@@ -9,7 +9,7 @@ from mammosim._jit import kernel, merged_kernel
 from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, Paint
 from mammosim.phantom.anatomy._noise_kernels import gradient_noise
 
-FLARE_MM, FLARE_HEIGHT_MM = 1.6, 0.8
+FLARE_MM, FLARE_HEIGHT_MM = 3.0, 0.9
 """How much wider a nipple is at its foot, where it merges into the areola, and the height over
 which that is lost, mm. Chosen by eye."""
 
@@ -62,20 +62,22 @@ def in_nipple(
 
     `nipple` is foot x, height, radius at the foot, part of the radius lost at the tip, tilt
     (lateral and superior, mm a mm of height), exponent of the dome, amplitude of lumps (mm), their
-    place in the noise, and depth of the root (mm). It goes as deep as the skin; below is its root.
+    place in the noise, and depth of the root (mm). It stands on the skin's surface, wherever that
+    is, and goes as deep as the skin; below is its root.
     """
-    s, height = x - nipple[0], max(nipple[1], 0.2)
-    rise = min(max(s, 0.0), height)
+    height = max(nipple[1], 0.2)
+    above = max(x - nipple[0], -depth)
+    rise = min(max(above, 0.0), height)
     across = y - nipple[4] * rise
     up = z - nipple[5] * rise
     lumps = nipple[7] * gradient_noise(x / 6.0, y / 6.0, z / 6.0 + nipple[8], 17)
     wide = nipple[2] * (1.0 - nipple[3] * rise / height) + lumps
     if depth > 0.0:
         return depth < thick and across * across + up * up < wide * wide
-    if s > height or s < -4.0:
+    if above > height:
         return False
     wide = wide * np.sqrt(1.0 - (rise / height) ** nipple[6]) + FLARE_MM * np.exp(
-        -max(s, 0.0) / FLARE_HEIGHT_MM
+        -above / FLARE_HEIGHT_MM
     )
     return wide > 0.0 and across * across + up * up < wide * wide
 

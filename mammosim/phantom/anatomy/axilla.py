@@ -27,6 +27,11 @@ breast: far enough out that it lies below the breast's own surface in views with
 it stood out there, compression would fold the hollow before it into a crease across the image."""
 
 
+BODY_PART, BODY_MM = 0.4, 62.0
+"""The ridge is sized by this part of an average breast's radius and the rest of its own: the body
+varies less than the breast."""
+
+
 @dataclass(frozen=True)
 class Axilla:
     """A ridge on the chest wall towards the axilla.
@@ -51,13 +56,13 @@ class Axilla:
 
 def draw_axilla(shape: Shape, rng: np.random.Generator) -> Axilla:
     """A ridge that suits a breast: the body behind it varies less than the breast does."""
-    radius = shape.radius_mm
+    radius = BODY_PART * BODY_MM + (1.0 - BODY_PART) * shape.radius_mm
     start = 0.5 * shape.base_superior_mm
     return Axilla(
-        height_mm=radius * rng.uniform(0.70, 0.90),
+        height_mm=radius * rng.uniform(0.76, 0.94),
         half_width_mm=radius * rng.uniform(0.72, 0.90),
         offset_mm=start + radius * rng.uniform(-0.05, 0.1),
-        cut_mm=radius * rng.uniform(1.36, 1.52) + start,
+        cut_mm=radius * rng.uniform(1.50, 1.80) + start,
     )
 
 

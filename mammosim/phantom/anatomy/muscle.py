@@ -17,6 +17,11 @@ from mammosim.phantom.anatomy.axilla import across_mm, along_mm
 from mammosim.phantom.anatomy.noise import smooth_noise
 from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, mesh, near_depth
 
+LOW_MM, LOW_FROM_MM, LOW_OVER_MM = 10.0, 12.0, 55.0
+"""The muscle's wedge is no thicker than the first up to the second above the nipple; over the third
+this limit is lost, mm. Chosen so that it shows in oblique views down to the nipple, and little
+between the plates of craniocaudal ones."""
+
 COVER_MM = 7.0
 """Least skin and fat over the muscle, mm."""
 
@@ -74,9 +79,9 @@ def draw_muscle(rng: np.random.Generator) -> Muscle:
         for _ in range(4)
     )
     return Muscle(
-        wedge=rng.uniform(0.50, 0.72),
-        start_mm=rng.uniform(-55.0, -20.0),
-        bulge=rng.uniform(0.7, 1.05),
+        wedge=rng.uniform(0.58, 0.74),
+        start_mm=rng.uniform(-40.0, -10.0),
+        bulge=rng.uniform(0.85, 1.1),
         medial_mm=rng.uniform(3.0, 4.5),
         lateral_mm=rng.uniform(0.3, 0.9),
         bow=rng.uniform(0.15, 0.35),
@@ -89,9 +94,10 @@ def muscle_depth(muscle: Muscle, outline: Outline, frame: VoxelFrame) -> NDArray
     x, lateral, superior = mesh(frame)
     radius, end = outline.shape.radius_mm, outline.axilla.cut_mm
     rise = np.clip((along_mm(lateral, superior) - muscle.start_mm) / (end - muscle.start_mm), 0, 2)
-    # Below the nipple there is no wedge; above, it comes in over 6 cm, so that it hardly shows
-    # between the plates of a craniocaudal view.
-    above = np.clip((superior + 6.0) / 60.0, 0.0, 1.0)
+    # Below the nipple there is no wedge, and little above it stays behind the plates of a
+    # craniocaudal view.
+    above = smooth_step((superior - LOW_FROM_MM) / LOW_OVER_MM)
+    most = LOW_MM * smooth_step(superior / LOW_FROM_MM) + outline.axilla.height_mm * above
     across = across_mm(lateral, superior) - outline.axilla.offset_mm
     aside = np.clip(across / outline.axilla.half_width_mm, -1.5, 1.5)
     wedge = muscle.wedge * outline.axilla.height_mm * rise**muscle.bulge
@@ -99,11 +105,18 @@ def muscle_depth(muscle: Muscle, outline: Outline, frame: VoxelFrame) -> NDArray
     for amplitude, along, sideways, phase in muscle.waves:
         turn = along * along_mm(lateral, superior) + sideways * across + phase
         wedge = wedge + amplitude * np.clip(3.0 * rise, 0.0, 1.0) * np.cos(turn)
-    wedge = np.clip(wedge, 0.0, None) * above**2 * (3.0 - 2.0 * above)
+    wedge = np.clip(wedge, 0.0, None)
+    wedge = wedge * most / (wedge**4 + most**4 + 1e-9) ** 0.25  # a smooth minimum
     share = np.clip(0.5 - 0.5 * lateral / radius, 0.0, 1.0)
     slab = muscle.lateral_mm + (muscle.medial_mm - muscle.lateral_mm) * share
     front: NDArray[np.float64] = np.hypot(wedge, slab)
     return front - x
+
+
+def smooth_step(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """0 up to 0, 1 from 1 on, smooth between."""
+    ramp = np.clip(place, 0.0, 1.0)
+    return ramp * ramp * (3.0 - 2.0 * ramp)
 
 
 def fit_volume(outline: Outline, muscle: Muscle, volume_ml: float) -> Outline:

@@ -14,14 +14,17 @@ FLAT_SHARE = 0.08
 al. 2009, Aesthetic Plast Surg 33:295-297), of women a tenth has one that is flat or inverted
 (Alexander, Grant & Campbell 1992, BMJ 304:1030-1032)."""
 
-HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 4.5, 6.0, (1.5, 11.0)
+HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 3.2, 4.0, (1.0, 10.0)
 """Mean height of a nipple that is not flat, shape of its gamma law, and bounds: measured with
-calipers it is 9 mm on average (Sanuki et al. 2009), half of that when it is not stimulated and lies
-between plates (assumed)."""
+calipers it is 9 mm on average (Sanuki et al. 2009), a third of that when it is not stimulated and
+lies between plates (assumed: on clinical images it stands out by 1 to 4 mm)."""
 
 DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 12.0, 1.8, (8.0, 16.0)
 """Diameter: 13 mm on average (Sanuki et al. 2009), at the foot here a millimetre wider than
 stated; the spread is assumed."""
+
+DOWN = -0.2
+"""How far a nipple leans downward on average, mm per mm of height. Chosen by eye."""
 
 ROOT_MM = (3.0, 8.0)
 """How far the nipple's fibrous tissue reaches below the skin. Assumed."""
@@ -30,7 +33,7 @@ AREOLA_MM, AREOLA_SPREAD_MM, AREOLAS_MM = 18.0, 2.5, (12.0, 24.0)
 """Radius of the areola: 20 mm on average (Sanuki et al. 2009), here to where a third of its extra
 thickness is left; the spread is assumed."""
 
-AREOLA_THICKER_MM = (0.5, 1.7)
+AREOLA_THICKER_MM = (0.6, 1.9)
 """Extra thickness of the areola's skin, which is thickest there and swells towards the nipple on
 mammograms; the numbers are a choice."""
 
@@ -112,14 +115,14 @@ def draw_nipple(settings: GenerateSettings, rng: np.random.Generator) -> Nipple:
         else float(np.clip(rng.gamma(HEIGHT_SHAPE, HEIGHT_MM / HEIGHT_SHAPE), *HEIGHTS_MM))
     )
     diameter = float(np.clip(rng.normal(DIAMETER_MM, DIAMETER_SPREAD_MM), *DIAMETERS_MM))
-    tilt = rng.normal(0.0, 0.22, 2).clip(-0.5, 0.5)
+    tilt = rng.normal((0.0, DOWN), 0.22, 2).clip(-0.6, 0.6)
     return Nipple(
         settings.nipple_height_mm or height,
         0.5 * (settings.nipple_diameter_mm or diameter),
-        rng.uniform(0.05, 0.4),
+        rng.uniform(0.15, 0.6),
         (float(tilt[0]), float(tilt[1])),
-        rng.uniform(2.0, 5.0),
-        rng.uniform(0.25, 0.7),
+        rng.uniform(1.6, 3.5),
+        rng.uniform(0.4, 1.1),
         rng.uniform(0.0, 100.0),
     )
 

@@ -16,6 +16,7 @@ from mammosim.phantom.anatomy.body import (
     streams_of_breast,
     streams_of_woman,
 )
+from mammosim.phantom.anatomy.muscle import FAT_IN_MUSCLE
 from mammosim.phantom.anatomy.outline import GRID_MM
 from mammosim.phantom.anatomy.parenchyma import draw_parenchyma, gland_patches, gland_room
 from mammosim.phantom.anatomy.settings import GenerateSettings
@@ -60,5 +61,5 @@ def generate_outline(
     fat = int(within.size * (1.0 - settings.target_percent / 100.0))
     paint = paint._replace(threshold=float(within[min(fat, within.size - 1)]))
     labels = np.zeros(depth.shape, np.uint8)
-    paint_outline(labels, lattice, paint, depth, muscle, gland, body.skin_mm)
+    paint_outline(labels, lattice, paint, depth, muscle, gland, body.skin_mm, float(FAT_IN_MUSCLE))
     return phantom_of(labels, lattice, body, settings, seed, laterality, body.skin_mm)

@@ -47,8 +47,8 @@ class GenerateSettings(Settings):
     CT (Huang et al. 2008, Med Phys 35:1199-1206)."""
 
     nipple_height_mm: float | None = Field(default=None, ge=2.0, le=12.0)
-    """Height of the nipple above the areola, mm; default: drawn by the seed, 4.5 on average, from
-    1.5 to 11, and up to 2 in one breast of twelve."""
+    """Height of the nipple above the areola, mm; default: drawn by the seed, 3.2 on average, from
+    1.0 to 10, and up to 2 in one breast of twelve."""
 
     nipple_diameter_mm: float | None = Field(default=None, ge=6.0, le=16.0)
     """Diameter of the nipple, mm; default: drawn by the seed from 8 to 16."""

@@ -16,6 +16,12 @@ Points = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 TYPICAL_ML = 620.0
 """Volume about which proportions are drawn, mL."""
 
+FOOT_PART = 0.26
+"""Height in which the foot of the base falls to a third, in radii."""
+
+BLUNT = 0.35
+"""Over this part of the radius the tip of a cone is rounded."""
+
 SIDES_SPREAD = 0.025
 """Spread of the logarithm of each breast's half-axes about those that a woman's have in common."""
 
@@ -39,8 +45,11 @@ class Shape:
         How far the middle of the breast hangs below the line from base to nipple.
     fullness : float
         Growth of the base towards the upper outer quadrant, as a fraction of the radius.
-    slope : float
-        0 for a round upper profile, 1 for a straight one.
+    straight : tuple of float
+        Profile towards lateral, medial, upper and lower: 0 is round, 1 a blunt cone's.
+    foot : tuple of float
+        How far the base spreads on the chest wall in these directions, as a fraction of its reach:
+        skin and fat of the chest, in which the breast ends.
     boxiness : float
         Exponent of the base's outline: 2 is an ellipse, less is flatter between them.
     ripple : tuple of float
@@ -57,7 +66,8 @@ class Shape:
     base_superior_mm: float
     sag_mm: float
     fullness: float
-    slope: float
+    straight: tuple[float, float, float, float]
+    foot: tuple[float, float, float, float]
     boxiness: float
     ripple: tuple[float, float, float, float]
 
@@ -87,17 +97,28 @@ def draw_shape(volume_ml: float, rng: np.random.Generator) -> Shape:
     ptosis = float(np.clip(0.45 + 0.18 * larger + 0.28 * rng.standard_normal(), 0.0, 1.2))
     ripple = 0.02 * rng.standard_normal(4).clip(-2.0, 2.0)
     return Shape(
-        depth_mm=radius * float(np.clip(rng.normal(1.08 + 0.08 * larger, 0.11), 0.84, 1.45)),
+        depth_mm=radius * float(np.clip(rng.normal(1.24 + 0.08 * larger, 0.11), 0.98, 1.60)),
         radius_mm=radius,
         lateral=rng.uniform(1.00, 1.20),
         medial=rng.uniform(0.88, 1.02),
         upper=rng.uniform(0.86, 1.06),
         lower=rng.uniform(0.82, 0.98),
-        base_lateral_mm=radius * rng.uniform(-0.10, 0.05),
-        base_superior_mm=radius * (0.02 + 0.08 * ptosis),
+        base_lateral_mm=radius * rng.uniform(-0.06, 0.10),
+        base_superior_mm=radius * (0.04 + 0.11 * ptosis),
         sag_mm=radius * 0.07 * ptosis * rng.uniform(0.5, 1.5),
         fullness=rng.uniform(0.02, 0.22),
-        slope=float(np.clip(0.3 + 0.5 * ptosis + 0.2 * rng.standard_normal(), 0.1, 1.1)),
+        straight=(
+            rng.uniform(0.65, 1.1),
+            rng.uniform(0.35, 0.90),
+            float(np.clip(0.35 + 0.4 * ptosis + 0.2 * rng.standard_normal(), 0.2, 1.1)),
+            rng.uniform(0.90, 1.20),
+        ),
+        foot=(
+            rng.uniform(0.15, 0.30),
+            rng.uniform(0.20, 0.40),
+            rng.uniform(0.08, 0.20),
+            rng.uniform(0.50, 0.80),
+        ),
         boxiness=rng.uniform(1.75, 2.1),
         ripple=(float(ripple[0]), float(ripple[1]), float(ripple[2]), float(ripple[3])),
     )
@@ -117,8 +138,18 @@ def like(shape: Shape, rng: np.random.Generator) -> Shape:
         **changed,
         base_lateral_mm=shape.base_lateral_mm + 0.02 * shape.radius_mm * float(rng.uniform(-1, 1)),
         sag_mm=shape.sag_mm * float(rng.uniform(0.8, 1.2)),
+        straight=_about(shape.straight, 0.06, rng),
+        foot=_about(shape.foot, 0.03, rng),
         ripple=(float(ripple[0]), float(ripple[1]), float(ripple[2]), float(ripple[3])),
     )
+
+
+def _about(
+    sides: tuple[float, float, float, float], by: float, rng: np.random.Generator
+) -> tuple[float, float, float, float]:
+    """Four numbers, each changed by up to a limit."""
+    a, b, c, d = (side + float(by * rng.uniform(-1.0, 1.0)) for side in sides)
+    return a, b, c, d
 
 
 def level(shape: Shape, points_mm: Points) -> NDArray[np.float64]:
@@ -133,9 +164,9 @@ def level(shape: Shape, points_mm: Points) -> NDArray[np.float64]:
     Notes
     -----
     The section at depth fraction t = x / depth is r = R(angle) (1 - t^p)^(1/q): p = q = 2 is an
-    ellipsoid, smaller p and q make the profile straighter. The section's centre goes from the
-    base's to the nipple's as t grows, on a line that sags. Depth is taken as 0 behind the chest
-    wall.
+    ellipsoid, smaller p and q make the profile straighter; its tip is rounded over `BLUNT`. At the
+    wall the section spreads into the foot. The section's centre goes from the base's to the
+    nipple's as t grows, on a line that sags.
     """
     x, lateral, superior = points_mm
     t = np.clip(x / shape.depth_mm, 0.0, None)
@@ -144,12 +175,27 @@ def level(shape: Shape, points_mm: Points) -> NDArray[np.float64]:
     across = lateral - shape.base_lateral_mm * shift
     up = superior - shape.base_superior_mm * shift + sag
     angle = np.arctan2(up, across)
-    reach = _reach_mm(shape, angle, t)
-    upper = 0.5 * (1.0 + np.tanh(1.5 * np.sin(angle)))
-    p = 2.15 - 0.65 * shape.slope * upper
-    q = 2.1 - 0.40 * shape.slope * upper
-    inside: NDArray[np.float64] = 1.0 - (np.hypot(across, up) / reach) ** q - t**p
+    straight = _by_direction(shape.straight, angle)
+    fall = np.exp(-x / (FOOT_PART * shape.radius_mm))
+    reach = _reach_mm(shape, angle, t) * (1.0 + _by_direction(shape.foot, angle) * fall)
+    p = 2.15 - 0.95 * straight
+    q = 2.1 - 0.60 * straight
+    squared = (across**2 + up**2) / reach**2
+    blunt = BLUNT**q
+    section = ((squared + BLUNT**2) ** (0.5 * q) - blunt) / ((1.0 + BLUNT**2) ** (0.5 * q) - blunt)
+    # Odd in x, so that slopes at the wall are those in front of it.
+    inside: NDArray[np.float64] = 1.0 - section - np.sign(x) * np.abs(x / shape.depth_mm) ** p
     return inside
+
+
+def _by_direction(
+    sides: tuple[float, float, float, float], angle: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """A number that goes over smoothly from each of four sides to the next."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    lateral, medial, upper, lower = sides
+    across: NDArray[np.float64] = np.where(cosine > 0.0, lateral, medial) * cosine**2
+    return across + np.where(sine > 0.0, upper, lower) * sine**2
 
 
 def _reach_mm(
