@@ -197,10 +197,11 @@ def _fill_block(
                 if shallow:
                     ring = (y * y + z * z) / (areola_mm * areola_mm)
                     thick = low[SKIN_MM] + w * step[SKIN_MM] + areola * np.exp(-ring * ring)
+                    smooth = depth
                     if abs(depth) < voxel or abs(depth - thick) < voxel:
                         depth += voxel * dither(i, j, k, corner)
                     if depth < thick:
-                        if in_nipple(x, y, z, depth, thick, numbers):
+                        if in_nipple(x, y, z, smooth, thick, numbers):
                             here = labels[i, j, k]
                             if here == 0 or fill_of(here, name) > 0.0:
                                 labels[i, j, k] = name[NIPPLE]
