@@ -64,8 +64,8 @@ def test_energy_absorption_of_air_agrees_with_nist():
 
 def test_thick_layer_absorbs_all_but_scatter():
     selenium = BEAM_MATERIALS["Se"]
-    thin = absorbed_fraction(selenium, 1e-6, ENERGIES)
-    thick = absorbed_fraction(selenium, 100.0, ENERGIES)
+    thin = absorbed_fraction(selenium, np.array([1e-6]), ENERGIES)[:, 0]
+    thick = absorbed_fraction(selenium, np.array([100.0]), ENERGIES)[:, 0]
     assert np.all(thin < 1e-3)
     assert np.all((thick > 0.9) & (thick < 1.0))
 

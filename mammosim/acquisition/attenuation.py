@@ -88,19 +88,19 @@ def attenuation_per_mm(material: Material, energy_kev: NDArray[np.float64]) -> N
 
 
 def absorbed_fraction(
-    material: Material, thickness_mm: float, energy_kev: NDArray[np.float64]
+    material: Material, thickness_mm: NDArray[np.float64], energy_kev: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Fraction of photons that a layer absorbs by the photoelectric effect.
 
     Parameters
     ----------
     material : Material
-    thickness_mm : float
-    energy_kev : ndarray of float64, (n,)
+    thickness_mm : ndarray of float64, (thickness,)
+    energy_kev : ndarray of float64, (energy,)
 
     Returns
     -------
-    ndarray of float64, (n,)
+    ndarray of float64, [energy, thickness]
 
     Notes
     -----
@@ -110,7 +110,8 @@ def absorbed_fraction(
     photo = (
         cross_section_cm2_g("CS_Photo", material, energy_kev) * material.density_g_cm3 / MM_PER_CM
     )
-    return photo / total * -np.expm1(-total * thickness_mm)
+    absorbed: NDArray[np.float64] = -np.expm1(-total[:, None] * thickness_mm)
+    return (photo / total)[:, None] * absorbed
 
 
 def energy_absorption_cm2_g(

@@ -55,8 +55,7 @@ class Detector:
         if self.material is None:
             return np.ones((energy_kev.size, cosine.size))
         material = BEAM_MATERIALS[self.material]
-        ways = [absorbed_fraction(material, self.thickness_mm / c, energy_kev) for c in cosine]
-        return np.stack(ways, axis=1)
+        return absorbed_fraction(material, self.thickness_mm / cosine, energy_kev)
 
     def oblique_gain(self, energy_kev: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) relative gain of efficiency for each part by which a slant lengthens the way.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,9 @@ TRANSFER_GRID = np.concatenate(
 LOWEST_TABULATED_KEV, HIGHEST_TABULATED_KEV = 1.0, 150.0
 """Energies for which tables are made, keV: beams of mammography lie well within."""
 HALF_ANGLES = np.linspace(0.0, 1.0, 257)  # sin(theta / 2)
+
+MAX_KEPT = 64
+"""Materials whose tables are kept, of up to 0.3 MB each; an exposure takes about ten."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,25 +109,39 @@ def photon_tables(
     shape = (energy.size, len(materials))
     photo, compton, rayleigh, transfer = (np.empty(shape) for _ in range(4))
     cosines = np.empty((2, *shape, ANGLES + 1), np.float32)
-    cosine = 1.0 - 2.0 * HALF_ANGLES**2
-    loss = 1.0 - compton_ratio(energy, cosine)
     for column, material in enumerate(materials):
-        incoherent, coherent = angular_densities(material, energy)
-        integral = np.trapezoid(incoherent, HALF_ANGLES, axis=1)
-        parts = (
-            cross_section_cm2_g("CS_Photo", material, energy),
-            CM2_PER_G * integral,
-            cross_section_cm2_g("CS_Rayl", material, energy),
-        )
-        scale = cross_section_cm2_g("CS_Total", material, energy) / np.sum(parts, axis=0)
-        scale *= material.density_g_cm3 / MM_PER_CM
-        photo[:, column], compton[:, column], rayleigh[:, column] = (scale * p for p in parts)
-        transfer[:, column] = np.trapezoid(incoherent * loss, HALF_ANGLES, axis=1) / integral
-        cosines[0, :, column] = _quantiles(incoherent)
-        cosines[1, :, column] = _quantiles(coherent)
+        elements = tuple(material.mass_fraction.items())
+        parts = _column(elements, material.density_g_cm3, lowest_kev, highest_kev)
+        photo[:, column], compton[:, column], rayleigh[:, column], transfer[:, column] = parts[:4]
+        cosines[0, :, column], cosines[1, :, column] = parts[4:]
     return PhotonTables(
         tuple(materials), energy, photo, compton, rayleigh, transfer, cosines[0], cosines[1]
     )
+
+
+@lru_cache(MAX_KEPT)
+def _column(
+    elements: tuple[tuple[str, float], ...], density_g_cm3: float, lowest_kev: float,
+    highest_kev: float,
+) -> tuple[NDArray[np.float64], ...]:  # fmt: skip
+    """What `PhotonTables` holds of one material, whose elements are given by mass; not to change.
+
+    It is kept: both views of an exam, and the check before it, ask for the same.
+    """
+    material = Material("", density_g_cm3, dict(elements), "")
+    energy = _energies(lowest_kev, highest_kev)
+    loss = 1.0 - compton_ratio(energy, 1.0 - 2.0 * HALF_ANGLES**2)
+    incoherent, coherent = angular_densities(material, energy)
+    integral = np.trapezoid(incoherent, HALF_ANGLES, axis=1)
+    parts = (
+        cross_section_cm2_g("CS_Photo", material, energy),
+        CM2_PER_G * integral,
+        cross_section_cm2_g("CS_Rayl", material, energy),
+    )
+    scale = cross_section_cm2_g("CS_Total", material, energy) / np.sum(parts, axis=0)
+    scale *= density_g_cm3 / MM_PER_CM
+    transfer = np.trapezoid(incoherent * loss, HALF_ANGLES, axis=1) / integral
+    return *(scale * part for part in parts), transfer, _quantiles(incoherent), _quantiles(coherent)
 
 
 def angular_densities(
