@@ -11,10 +11,16 @@ TILE = 128
 """Side of the tile, a power of two, so that repeating it is a mask."""
 
 ALONG = 0.7
-"""Scale of the tile's first axis, along which structure is longer by its inverse: towards the
-nipple in gland, along the fibres in muscle."""
+"""Scale of the tile's first axis, along which structure is longer by its inverse, in muscle."""
 
-UNEVEN, UNEVEN_PER, MOST_UNEVEN = 2.4, 0.35, 1.7
+FAN_ALONG = 0.45
+"""The same in gland, along the way to the nipple. Chosen by eye on projections."""
+
+FAN_MM, FAN_APEX_MM = 50.0, 6.0
+"""Distance from the nipple at which gland's structure has the tile's size across, and how far in
+front of the origin of the net's coordinates it converges, mm."""
+
+UNEVEN, UNEVEN_PER, MOST_UNEVEN = 1.8, 0.35, 1.7
 """Thickness of walls: change per unit of the tile's noise, which is stretched by the inverse of the
 second (1.5 to 11 mm), and the most against the mean. Chosen by eye."""
 
@@ -34,3 +40,13 @@ def wall_unevenness(tile: NDArray[np.int8], scale: float, p: float, q: float, r:
     """Thickness of a wall at a point of net coordinates, mm, against its mean."""
     grain = grain_at(tile, scale, UNEVEN_PER * p, UNEVEN_PER * q, UNEVEN_PER * r)
     return min(max(1.0 + UNEVEN * grain, 0.0), MOST_UNEVEN)
+
+
+@merged_kernel
+def fan_grain_at(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float) -> float:
+    """The same for gland, whose structure fans out from the nipple: bundles and sheets."""
+    fan = 5.0 * (FAN_MM + FAN_APEX_MM) / max(p + FAN_APEX_MM, FAN_APEX_MM)
+    a = int(p * (5.0 * FAN_ALONG) + 65536.0) & (TILE - 1)
+    b = int(q * fan + 65536.0) & (TILE - 1)
+    c = int(r * fan + 65536.0) & (TILE - 1)
+    return scale * tile[a, b, c]

@@ -25,7 +25,7 @@ from mammosim.phantom.anatomy._block_kernels import (
     trilinear,
 )
 from mammosim.phantom.anatomy._fill_kernels import fill_of
-from mammosim.phantom.anatomy._grain_kernels import MOST_UNEVEN, grain_at
+from mammosim.phantom.anatomy._grain_kernels import MOST_UNEVEN, fan_grain_at
 from mammosim.phantom.anatomy._net_kernels import (
     ROUNDING_REACH,
     Near,
@@ -185,7 +185,7 @@ def sample_potential(
                     value = trilinear(
                         block.corner, SEPTUM, block.centre[0], block.centre[1], block.centre[2]
                     )
-                    grain = grain_at(
+                    grain = fan_grain_at(
                         texture.grain_tile, texture.tile_scale,
                         trilinear(block.corner, NET, at[0], at[1], at[2]),
                         trilinear(block.corner, NET + 1, at[0], at[1], at[2]),

@@ -36,7 +36,12 @@ from mammosim.phantom.anatomy._block_kernels import (
     sub_row_values,
 )
 from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
-from mammosim.phantom.anatomy._grain_kernels import MOST_UNEVEN, grain_at, wall_unevenness
+from mammosim.phantom.anatomy._grain_kernels import (
+    MOST_UNEVEN,
+    fan_grain_at,
+    grain_at,
+    wall_unevenness,
+)
 from mammosim.phantom.anatomy._net_kernels import border_reach, three_nearest, wall_fill, wall_reach
 from mammosim.phantom.anatomy._noise_kernels import lattice_hash
 from mammosim.phantom.anatomy._parenchyma_kernels import (
@@ -227,7 +232,7 @@ def _fill_block(
                 r = low[net_at + 2] + w * step[net_at + 2]
                 if gland > 0 and not in_muscle:
                     above = min(on_sub_row(sub_row, w), cap) if gland == 1 else cap
-                    if above + grain_at(tile, tile_scale, p, q, r) > 0.0:
+                    if above + fan_grain_at(tile, tile_scale, p, q, r) > 0.0:
                         labels[i, j, k] = name[GLAND]
                         continue
                 fill = held

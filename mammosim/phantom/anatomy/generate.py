@@ -51,6 +51,7 @@ from mammosim.phantom.anatomy.parenchyma import (
     Parenchyma,
     draw_parenchyma,
     gland_potential,
+    gland_region,
     gland_room,
 )
 from mammosim.phantom.anatomy.settings import GenerateSettings
@@ -70,12 +71,12 @@ mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 2003, Proc SPIE 
 NOISE_LIMIT = 1.5
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
-FINE_AMPLITUDE, FINE_LIMIT = 0.30, 2.6
+FINE_AMPLITUDE, FINE_LIMIT = 0.40, 2.6
 """Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
 deviations. Chosen by eye."""
 
 GLAND_CAP = 0.42
-"""The potential above the threshold counts for no more: holes of fat, a twelfth of the volume, stay
+"""The potential above the threshold counts for no more: holes of fat, a seventh of the volume, stay
 within compact gland. Chosen by eye."""
 
 MUSCLE_STREAKS = 1.3
@@ -190,17 +191,18 @@ def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _A
     room = gland_room(outline, kind, depth, muscled, frame, field_rng)
     ends = np.array([outline.shape.depth_mm, outline.shape.depth_mm + body.nipple.height_mm])
     trees = grow_ducts(room, frame, ends, kind.units_a_lobe, duct_rng)
+    thickness = skin_mm(body.skin_mm, frame, field_rng)
+    breast = (depth > thickness) & (muscled < 0.0)
+    share = settings.target_percent / 100.0
+    room = gland_region(room, breast, kind.expanse * share)
     gland = gland_potential(room, trees, kind, outline.shape.depth_mm, frame, field_rng)
     bent = lobule_coordinates(outline, frame, lobule_rng)
     fibres = fibre_coordinates(outline, frame, lobule_rng)
     septum = septum_mm(depth, kind.septum_mm, frame, lobule_rng)
-    thickness = skin_mm(body.skin_mm, frame, field_rng)
     lobules = draw_net(bent, LOBULE_MM * kind.lobule_size, lobule_rng)
     fine = draw_net(bent, FINE_MM, lobule_rng)
     bundles = draw_net(fibres, BUNDLE_MM, lobule_rng, grouped=False)
-    breast = (depth > thickness) & (muscled < 0.0)
-    share = settings.target_percent / 100.0
-    gland = settle_gland(lobules, bent, gland, breast, share, lobule_rng)
+    gland = settle_gland(lobules, bent, gland, breast, share, kind.cells, lobule_rng)
     channels = [depth, muscled, gland, septum, thickness, *bent, *fibres]
     fields = np.stack(np.broadcast_arrays(*channels), axis=-1).astype(np.float32)
     vessels = grow_vessels(outline, depth, muscled, frame, vessel_rng)

@@ -11,19 +11,24 @@ from mammosim.phantom.anatomy._net_kernels import ABSENT, Net
 from mammosim.phantom.anatomy.noise import smooth_noise
 from mammosim.phantom.anatomy.outline import Outline, mesh
 
-LOBULE_MM = 9.0
+LOBULE_MM = 7.8
 """Side of the lattice cells of fat lobules `REFERENCE_MM` from the nipple, mm. With a tenth of
 the cells missing a compartment has a mean volume of 0.7 cm3 there; measured in histology are
 0.94 cm3 under the skin, 0.89 cm3 behind the gland and 0.31 cm3 within it (Bakic et al. 2002,
 Med Phys 29:2131-2139, and later work of that group)."""
 
-FINE_MM = 4.6
+FINE_MM = 4.0
 """The same of the thinner septa within lobules, mm. Chosen by eye."""
 
 REFERENCE_MM, SHRINK = 55.0, 0.26
 """Lobules grow with the power `SHRINK` of the distance from the nipple, so that those 25 mm behind
 it have a third of the volume of those near the skin and the chest wall; their length along the
 distance is 1 / (1 - SHRINK) = 1.6 of their width."""
+
+PRESSED_DEG, PRESSED_LENGTH = 22.0, 1.6
+"""Direction in which plates press, between that of CC, from above, and of MLO, 45 degrees medially
+from it; and the length of lobules along it against their width. Pressed to about half their height,
+lobules are round, as images show them. Chosen by eye on projections."""
 
 APEX_MM, ROUNDING_MM = 10.0, 18.0
 """Where the lobules' coordinates converge, in front of the nipple's foot, and distance below which
@@ -37,18 +42,19 @@ ABSENT_SHARE, WEIGHT = 0.12, 0.34
 """Share of the lattice cells without a lobule, and spread of the weights, cells squared: both make
 lobules unequal. Chosen by eye."""
 
-GLAND_CELLS = 1.35
-"""Volume of the cells that push no gland aside, against that of gland: they are lobes of the gland,
-with holes of fat. Chosen by eye."""
-
-GROUP_UNEVEN, CELL_UNEVEN = 0.5, 0.35
+GROUP_UNEVEN, CELL_UNEVEN = 0.5, 1.3
 """Spread by which groups and single cells differ in what decides whether they are gland, in units
 of the potential. Chosen by eye."""
 
 FATNESS = (0.8, 1.5)
 """How strongly fat lobules push gland aside. Chosen by eye."""
 
-STEEP_CELLS, FLAT = 2.2, 0.45
+YIELDS, YIELDS_MM = 0.4, 35.0
+"""Fat lobules right behind the nipple push gland aside by no more than this part, and fully from
+this distance in the net's coordinates, mm: fibrous tissue keeps to the ducts there. Chosen by
+eye."""
+
+STEEP_CELLS, FLAT = 2.2, 0.2
 """Below the potential that as much more volume exceeds than gland fills, the potential falls as it
 is; above, it is flattened to the second, so that borders of gland are those of lobules."""
 
@@ -104,6 +110,7 @@ def settle_gland(
     potential: NDArray[np.float64],
     breast: NDArray[np.bool_],
     share: float,
+    cells: float,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
     """Choose the cells that are lobes of gland, and flatten the potential within gland.
@@ -120,6 +127,8 @@ def settle_gland(
         Where gland's share is counted.
     share : float
         Gland's share.
+    cells : float
+        Volume of the chosen cells against that of gland.
     rng : Generator
 
     Returns
@@ -140,12 +149,25 @@ def settle_gland(
     score += GROUP_UNEVEN * rng.standard_normal(MOST_GROUPS)[group]
     score += CELL_UNEVEN * rng.standard_normal(len(present))
     order = np.argsort(-np.where(volume > 0, score, -np.inf))
-    taken = np.cumsum(volume[order]) <= GLAND_CELLS * share * len(values)
+    taken = np.cumsum(volume[order]) <= cells * share * len(values)
+    behind = net.origin_mm[0] + net.cell_mm * (present[:, 0] + rows[:, 0])
+    seeds[(*present.T, 4)] *= np.clip(behind / YIELDS_MM, YIELDS, 1.0)
     seeds[(*present[order[taken]].T, 4)] = 0.0
     knee = np.quantile(values, max(1.0 - STEEP_CELLS * share, 0.0))
     above = potential - knee
     flattened: NDArray[np.float64] = knee + np.minimum(above, FLAT * above)
     return flattened
+
+
+def across_and_pressed(
+    lateral_mm: NDArray[np.float64], superior_mm: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lengths across the direction in which plates press and along it."""
+    turn = np.deg2rad(PRESSED_DEG)
+    return (
+        lateral_mm * np.cos(turn) + superior_mm * np.sin(turn),
+        superior_mm * np.cos(turn) - lateral_mm * np.sin(turn),
+    )
 
 
 def lobule_coordinates(
@@ -156,12 +178,13 @@ def lobule_coordinates(
     behind = outline.shape.depth_mm + APEX_MM - x
     distance = np.sqrt(behind**2 + lateral**2 + superior**2 + ROUNDING_MM**2)
     scale = (distance / REFERENCE_MM) ** -SHRINK
+    across, pressed = across_and_pressed(lateral, superior)
     bent = []
-    for part in (behind, lateral, superior):
+    for part, longer in ((behind, 1.0), (across, 1.0), (pressed, PRESSED_LENGTH)):
         warp = sum(
             amplitude * smooth_noise(rng, frame, wavelength) for amplitude, wavelength in WARPS_MM
         )
-        bent.append(part * scale + warp)
+        bent.append((part * scale + warp) / longer)
     return bent
 
 

@@ -22,6 +22,23 @@ def smooth_noise(
     return (noise - noise.mean()) / noise.std()
 
 
+def noise_over(
+    rng: np.random.Generator, coordinates_mm: list[NDArray[np.float64]], wavelength_mm: float
+) -> NDArray[np.float64]:
+    """The same in given coordinates, which may be bent: linear between points of a lattice."""
+    spacing = wavelength_mm / 6.0
+    low = [float(part.min()) for part in coordinates_mm]
+    shape = [
+        int((part.max() - start) / spacing) + 2
+        for part, start in zip(coordinates_mm, low, strict=True)
+    ]
+    lattice = ndimage.gaussian_filter(rng.standard_normal(shape), 6.0 / (2.0 * np.pi), mode="wrap")
+    lattice /= lattice.std()
+    at = [(part - start) / spacing for part, start in zip(coordinates_mm, low, strict=True)]
+    noise: NDArray[np.float64] = ndimage.map_coordinates(lattice, at, order=1, mode="nearest")
+    return noise
+
+
 def noise_tile(rng: np.random.Generator, side: int, limit: float) -> NDArray[np.int8]:
     """Noise with a power law that repeats after `side` cells, (side, side, side).
 

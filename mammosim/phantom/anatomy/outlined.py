@@ -18,7 +18,12 @@ from mammosim.phantom.anatomy.body import (
 )
 from mammosim.phantom.anatomy.muscle import FAT_IN_MUSCLE
 from mammosim.phantom.anatomy.outline import GRID_MM
-from mammosim.phantom.anatomy.parenchyma import draw_parenchyma, gland_patches, gland_room
+from mammosim.phantom.anatomy.parenchyma import (
+    draw_parenchyma,
+    gland_patches,
+    gland_region,
+    gland_room,
+)
 from mammosim.phantom.anatomy.settings import GenerateSettings
 from mammosim.phantom.breast import BreastPhantom
 
@@ -47,7 +52,10 @@ def generate_outline(
     field_rng = streams_of_breast(seed, laterality)[2]
     kind = draw_parenchyma(settings.density_class, streams_of_woman(seed)[1])
     room = gland_room(body.outline, kind, body.depth_mm, body.muscle_mm, frame, field_rng)
-    room = room + gland_patches(room, kind, frame, field_rng)
+    breast = (body.depth_mm > body.skin_mm) & (body.muscle_mm < 0.0)
+    room = gland_region(room, breast, kind.expanse * settings.target_percent / 100.0)
+    foot_mm = body.outline.shape.depth_mm
+    room = room + gland_patches(room, kind, foot_mm, frame, field_rng)
     axes = (lattice.x_mm, lattice.lateral_mm, lattice.superior_mm)
     at = np.meshgrid(
         *((axis - start) / GRID_MM for axis, start in zip(axes, frame.origin_mm, strict=True)),

@@ -11,7 +11,8 @@ from scipy import ndimage
 
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy.ducts import DuctTrees, tree_distance
-from mammosim.phantom.anatomy.noise import smooth_noise
+from mammosim.phantom.anatomy.lobules import across_and_pressed
+from mammosim.phantom.anatomy.noise import noise_over, smooth_noise
 from mammosim.phantom.anatomy.outline import Outline, mesh
 
 
@@ -30,12 +31,20 @@ class Parenchyma:
     sleeve_mm : float
         How far glandular tissue keeps to its ducts, mm.
     patchiness, strands, lobules : float
-        Amplitude of noise of 12 and 25 mm, of noise that runs towards the nipple, and of fat
-        lobules that push gland aside.
+        Amplitude of lobes of gland and of the fat between them, of strands that run towards the
+        nipple, and of fat lobules that push gland aside.
     lobule_mm : float
         Depth within a fat lobule over which it pushes gland aside fully, mm.
     septum_mm : float
         Mean thickness of the walls between fat lobules, mm.
+    plate : float
+        Half the thickness of the plate in which gland lies, along the direction in which plates
+        press, against the breast's radius.
+    expanse : float
+        Volume of the region in which gland lies, against that of gland.
+    cells : float
+        Volume of the cells of the foam that are lobes of gland, and push none aside, against that
+        of gland: they have holes of fat, and gland also lies between fat lobules.
     lean_deg : float
         How much wider the cone is towards the upper outer quadrant, degrees.
     lobule_size : float
@@ -53,6 +62,9 @@ class Parenchyma:
     lobules: float
     lobule_mm: float
     septum_mm: float
+    plate: float
+    expanse: float
+    cells: float
     lean_deg: float = 9.0
     lobule_size: float = 1.0
     threads: float = 1.0
@@ -60,22 +72,43 @@ class Parenchyma:
 
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
-        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 0.85, 0.50, 2.8, 2.6, 0.25),
-        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.80, 0.45, 2.6, 2.6, 0.25),
-        "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.65, 0.40, 3.0, 2.6, 0.25),
-        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.40, 0.35, 2.8, 2.6, 0.25),
+        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 2.4, 0.85, 2.8, 2.6, 0.25, 0.2, 4.2, 0.6),
+        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 2.4, 0.75, 2.6, 2.6, 0.25, 0.25, 2.8, 1.3),
+        "heterogeneous": Parenchyma(
+            8.5, 58.0, 32.0, 7.0, 2.4, 0.85, 3.0, 2.6, 0.25, 0.32, 2.4, 1.6
+        ),
+        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 2.6, 0.55, 2.8, 2.6, 0.25, 0.5, 1.9, 1.4),
     }
 )
 """Chosen by eye on projections, so that each class looks like mammograms of its BI-RADS letter;
 subcutaneous fat of 5 to 15 mm and a cone at the nipple follow anatomical drawings (Cooper 1840)."""
 
-SLEEVE = 0.9
+SLEEVE = 0.7
 """Amplitude of the preference of gland for the neighbourhood of ducts. Chosen."""
 
-BEHIND_NIPPLE, BEHIND_NIPPLE_MM, BEHIND_SLEEVE_MM = 1.6, 16.0, 2.5
+BEHIND_NIPPLE, BEHIND_NIPPLE_MM, BEHIND_SLEEVE_MM = 4.0, 20.0, 2.0
 """The same for fibrous tissue around the main ducts, the distance from the nipple over which it is
 lost, and how far it keeps to them, mm: ducts are seen to run into the nipple. Chosen by eye."""
 
+
+PLATE_OFFSET = (0.08, 0.08)
+"""Mean and spread of how far that plate's middle is above the nipple, against the breast's radius.
+Chosen by eye."""
+
+FAN_APEX_MM, FAN_MM, FAN_REACH_MM = 22.0, 50.0, 120.0
+"""Where lobes converge, in front of the nipple's foot; distance from there at which their
+coordinates are lengths, and how far these reach, mm. Chosen by eye."""
+
+LOBE_LENGTH, LOBE_HEIGHT = 1.7, 2.4
+"""Length of lobes against their width along the way from the nipple and along the direction in
+which plates press. Chosen by eye on projections."""
+
+PATCHES = ((0.55, 32.0), (0.8, 15.0))
+"""Amplitude and wavelength of lobes of gland and of the fat between them, mm. Chosen by eye."""
+
+OUTSIDE, WITHIN = 2.0, 0.35
+"""Slope of the potential outside and within the region of gland, against that of the room.
+Chosen by eye."""
 
 AHEAD, AHEAD_SHARE = 0.7, 0.55
 """Amplitude of the preference of gland for the front of the breast, and the distance from the
@@ -94,6 +127,9 @@ def draw_parenchyma(density: str, rng: np.random.Generator) -> Parenchyma:
         "lobules",
         "units_a_lobe",
         "septum_mm",
+        "plate",
+        "expanse",
+        "cells",
     )
     factors = np.exp(0.2 * rng.standard_normal(len(keys)).clip(-2.0, 2.0))
     changed = {
@@ -101,7 +137,7 @@ def draw_parenchyma(density: str, rng: np.random.Generator) -> Parenchyma:
     }
     changed["cone_deg"] = min(changed["cone_deg"], 80.0)
     size = float(np.exp(0.15 * np.clip(rng.standard_normal(), -2.0, 2.0)))
-    lean = float(rng.uniform(4.0, 16.0))
+    lean = float(rng.uniform(8.0, 28.0))
     threads = float(np.exp(0.35 * np.clip(rng.standard_normal(), -2.0, 2.0)))
     return replace(kind, **changed, lean_deg=lean, lobule_size=size, threads=threads)
 
@@ -126,19 +162,37 @@ def gland_room(
     back = np.clip(distance / (0.9 * shape.depth_mm), 0.0, 1.0)
     uneven = smooth_noise(rng, frame, 30.0)
     fat = 2.0 + (kind.fat_mm * np.clip(1.0 + 0.3 * uneven, 0.5, 1.7) - 2.0) * back**0.8
-    from_skin = (skin_depth_mm - fat) / 10.0
+    from_skin = (skin_depth_mm - fat) / 5.0
     behind = 5.0 + 2.5 * smooth_noise(rng, frame, 35.0)
-    from_muscle = (-muscle_depth_mm - behind) / 7.0
+    from_muscle = (-muscle_depth_mm - behind) / 4.0
     # The gland leans to the upper outer quadrant, where most of it is.
     lean = np.cos(np.arctan2(superior, lateral) - np.deg2rad(rng.normal(50.0, 15.0)))
     slant = np.rad2deg(np.arctan2(across, ahead))
     in_cone = (kind.cone_deg + kind.lean_deg * lean - slant) / 18.0
-    limits = np.stack(np.broadcast_arrays(from_skin, from_muscle, in_cone, np.full_like(back, 1.3)))
+    # It is a plate across the direction in which plates press, bent and uneven.
+    _, pressed = across_and_pressed(lateral, superior)
+    middle = shape.radius_mm * (rng.normal(*PLATE_OFFSET) + 0.08 * smooth_noise(rng, frame, 40.0))
+    half = kind.plate * shape.radius_mm * (1.0 + 0.25 * smooth_noise(rng, frame, 30.0))
+    in_plate = (half - np.abs(pressed - middle)) / 8.0
+    inside = np.full_like(back, 1.3)
+    limits = np.stack(np.broadcast_arrays(from_skin, from_muscle, in_cone, in_plate, inside))
     sharp = 2.5
     # Lobes fan out from the nipple; towards the chest wall they end one after the other.
     forward = AHEAD * (1.0 - distance / (AHEAD_SHARE * shape.depth_mm)).clip(-1.0, 1.0)
     least = forward - np.log(np.exp(-sharp * limits.clip(-6.0, 6.0)).sum(axis=0)) / sharp
     return np.clip(least, -3.0, None)
+
+
+def gland_region(
+    room: NDArray[np.float64], breast: NDArray[np.bool_], volume: float
+) -> NDArray[np.float64]:
+    """The room for gland turned into a region of a given share of the breast.
+
+    Nearly even within, so that lobes and fat share it, and falling outside.
+    """
+    above = room - np.quantile(room[breast], max(1.0 - volume, 0.0))
+    region: NDArray[np.float64] = np.minimum(OUTSIDE * above, WITHIN * above)
+    return region
 
 
 def gland_potential(
@@ -163,14 +217,34 @@ def gland_potential(
         -((distance / BEHIND_SLEEVE_MM) ** 2) - from_nipple / BEHIND_NIPPLE_MM
     )
     lobes = ndimage.gaussian_filter(strength[lobe], 1.5)
-    return room + sleeve + lobes + gland_patches(room, kind, frame, rng)
+    return room + sleeve + lobes + gland_patches(room, kind, foot_mm, frame, rng)
+
+
+def lobe_coordinates(foot_mm: float, frame: VoxelFrame) -> list[NDArray[np.float64]]:
+    """Coordinates in which lobes are of equal size: they fan out from the nipple.
+
+    Along the way from the nipple, across, and along the direction in which plates press, each
+    divided by how much longer lobes are that way.
+    """
+    x, lateral, superior = mesh(frame)
+    behind = np.maximum(foot_mm + FAN_APEX_MM - x, FAN_APEX_MM)
+    scale = FAN_MM / behind
+    across, pressed = across_and_pressed(lateral, superior)
+    away = np.sqrt(behind**2 + lateral**2 + superior**2) / LOBE_LENGTH
+    parts = (away, across * scale, pressed * scale / LOBE_HEIGHT)
+    return [np.clip(part, -FAN_REACH_MM, FAN_REACH_MM) for part in np.broadcast_arrays(*parts)]
 
 
 def gland_patches(
-    room: NDArray[np.float64], kind: Parenchyma, frame: VoxelFrame, rng: np.random.Generator
+    room: NDArray[np.float64],
+    kind: Parenchyma,
+    foot_mm: float,
+    frame: VoxelFrame,
+    rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """What patches of gland and fat add to the potential."""
-    patches = 0.7 * smooth_noise(rng, frame, 25.0) + 0.7 * smooth_noise(rng, frame, 13.0)
+    """What lobes of gland and the fat between them add to the potential."""
+    fan = lobe_coordinates(foot_mm, frame)
+    patches = sum(share * noise_over(rng, fan, wavelength) for share, wavelength in PATCHES)
     # Patches fill the room that gland has; they hardly carry it into the fat beyond.
     held = np.where(patches > 0.0, np.clip(0.5 + 0.5 * room, 0.0, 1.0), 1.0)
     added: NDArray[np.float64] = kind.patchiness * held * patches
