@@ -56,6 +56,10 @@ APPROACH = 1.3
 """A step along a row comes nearer to a wall by no more than this many times its length: above 1
 where coordinates are not linear within a block."""
 
+NO_DUCTS_MM = 2.0
+"""Voxels above this, mm, show the nipple without ducts, each of which fills a voxel's width: they
+would leave nothing of it."""
+
 
 @parallel_kernel
 def paint_tissue(
@@ -208,7 +212,7 @@ def _fill_block(
                     if depth < thick:
                         if in_nipple(x, y, z, smooth, thick, numbers):
                             here = labels[i, j, k]
-                            if here == 0 or fill_of(here, name) > 0.0:
+                            if here == 0 or fill_of(here, name) > 0.0 or voxel > NO_DUCTS_MM:
                                 labels[i, j, k] = name[NIPPLE]
                         else:
                             labels[i, j, k] = name[SKIN] if depth >= 0.0 else 0
