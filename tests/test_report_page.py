@@ -7,6 +7,7 @@ import dataclasses
 import io
 import itertools
 import re
+from functools import cache
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -80,6 +81,12 @@ def views_of(*views: View, **changes) -> list[ReportedView]:
     return [ReportedView(make_compressed(view, **changes), make_mammogram(view)) for view in views]
 
 
+@cache
+def shared(*views: View) -> list[ReportedView]:
+    """The same views for many tests, with what was computed of each before."""
+    return views_of(*views)
+
+
 def targets_of(*views: View):
     return [target for view in views for target in make_targets(view)]
 
@@ -89,7 +96,7 @@ BOTH = (View("MLO", "L"), View("CC", "L"), View("MLO", "R"), View("CC", "R"))
 
 
 def test_the_page_is_well_formed_and_loads_nothing(record):
-    page = Page(render_report(views_of(*LEFT), targets_of(*LEFT), record, title="quickstart"))
+    page = Page(render_report(shared(*LEFT), targets_of(*LEFT), record, title="quickstart"))
     tags = {tag for tag, _ in page.elements}
     assert not tags & {"link", "iframe", "object", "base"}
     assert not any("src" in script for script in page.all("script"))
@@ -100,12 +107,12 @@ def test_the_page_is_well_formed_and_loads_nothing(record):
             value = attributes.get(name, "#")
             loaded_from_elsewhere = not value.startswith(("#", "data:image/"))
             assert not loaded_from_elsewhere or tag == "a", (tag, value)
-    for style in re.findall(r"url\(([^)]*)\)", render_report(views_of(*LEFT), [], record)):
+    for style in re.findall(r"url\(([^)]*)\)", render_report(shared(*LEFT), [], record)):
         assert style.startswith("#")
 
 
 def test_headings_are_in_order_and_every_picture_has_words(record):
-    page = Page(render_report(views_of(*LEFT), targets_of(*LEFT), record))
+    page = Page(render_report(shared(*LEFT), targets_of(*LEFT), record))
     levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch("h[1-6]", tag)]
     assert levels[0] == 1
     assert levels.count(1) == 1
@@ -117,7 +124,7 @@ def test_headings_are_in_order_and_every_picture_has_words(record):
 
 
 def test_the_case_is_told_in_one_line(record):
-    text = Page(render_report(views_of(*LEFT), targets_of(*LEFT), record)).words
+    text = Page(render_report(shared(*LEFT), targets_of(*LEFT), record)).words
     assert "Left breast, CC and MLO" in text
     assert (
         "hemisphere.nii.gz · compressed to LCC 52.0 mm, LMLO 52.0 mm · W/Rh 28 kV · 3 lesions"
@@ -125,7 +132,7 @@ def test_the_case_is_told_in_one_line(record):
 
 
 def test_views_hang_right_before_left_and_cc_before_mlo(record):
-    page = Page(render_report(views_of(*BOTH), targets_of(*BOTH), record))
+    page = Page(render_report(shared(*BOTH), targets_of(*BOTH), record))
     shown = re.findall(r"Simulated mammogram (\w+)", str(page.elements))
     assert shown == ["RCC", "LCC", "RMLO", "LMLO"]
     assert "Both breasts, CC and MLO" in page.words
@@ -172,7 +179,7 @@ def test_a_number_stands_towards_the_nipple_unless_the_picture_ends_there():
 
 
 def test_the_lesion_table_says_where_and_how_far(record):
-    text = Page(render_report(views_of(*LEFT), targets_of(*LEFT), record)).words
+    text = Page(render_report(shared(*LEFT), targets_of(*LEFT), record)).words
     assert "1 mass 1 Mass 12.0 14.0 1:30 21.5 9.2 5.1 24.1 5.1 24.1" in text
     # The ball of the grains' volume says nothing of a group: its extent does.
     assert "2 calcs Calcifications – 8.0 1:30" in text
@@ -217,10 +224,10 @@ def test_warnings_are_all_shown_and_each_once(record):
     [("not converged", "This run did not converge"), ("interrupted", "This run was interrupted")],
 )
 def test_a_run_that_is_not_done_says_so_before_anything_else(record, status, said):
-    text = Page(render_report(views_of(*LEFT), [], record | {"status": status})).words
+    text = Page(render_report(shared(*LEFT), [], record | {"status": status})).words
     assert said in text
     assert text.index(said) < text.index("Mammograms")
-    assert said not in Page(render_report(views_of(*LEFT), [], record)).words
+    assert said not in Page(render_report(shared(*LEFT), [], record)).words
 
 
 def test_a_view_without_image_is_reported_as_far_as_it_came(record):
@@ -355,7 +362,7 @@ def test_a_crop_keeps_within_the_image_and_marks_within_the_crop():
 
 def test_the_settings_reduce_the_page(record):
     sizes = [
-        len(render_report(views_of(*LEFT), [], record, ReportSettings(picture_rows=rows)))
+        len(render_report(shared(*LEFT), [], record, ReportSettings(picture_rows=rows)))
         for rows in (120, 240)
     ]
     assert sizes[0] < sizes[1]
@@ -430,7 +437,7 @@ def test_many_lesions_are_counted_after_the_first_ones(record):
 
 def test_ids_differ_all_over_the_page(record):
     """Drawings of several views are made by one library, which counts from 1 in each."""
-    page = Page(render_report(views_of(*BOTH), targets_of(*BOTH), record))
+    page = Page(render_report(shared(*BOTH), targets_of(*BOTH), record))
     ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
     assert len(ids) == len(set(ids))
     referred = [a["xlink:href"][1:] for _, a in page.elements if "xlink:href" in a]
