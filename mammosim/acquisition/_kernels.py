@@ -253,9 +253,12 @@ def _on_toe(value: float, toe: float) -> float:
 
 @kernel
 def _bent(value: float, toe: float, shoulder: float, white: float) -> float:
-    """`value`, but below the toe it nears 0 and above the shoulder `white`, with no kink."""
+    """`value`, but below the toe it nears 0 and above the shoulder `white`, with no kink.
+
+    It nears white slowly, as a hyperbola, so that differences far above the shoulder are seen.
+    """
     if value > shoulder:
-        return white - (white - shoulder) * exp((shoulder - value) / (white - shoulder))
+        return white - (white - shoulder) ** 2 / (white - 2.0 * shoulder + value)
     return _on_toe(value, toe)
 
 
@@ -296,9 +299,9 @@ def present_kernel(
             # near the edge it is no detail but the edge, whose base is coarse
             weak = _edge_part(0.5 * place) * DETAIL_LIMIT * tanh(detail / DETAIL_LIMIT)
             more = (curve.gain - 1.0) * weak
-            # of the base's curve there: its toe and its shoulder are exponential
+            # of the base's curve there: its toe is exponential, its shoulder a hyperbola
             on_toe = max(min(shown / curve.toe, 1.0), FLATTEST_TOE)
-            on_shoulder = (curve.white - shown) / (curve.white - curve.shoulder)
+            on_shoulder = ((curve.white - shown) / (curve.white - curve.shoulder)) ** 2
             on_shoulder = min(max(on_shoulder, MIN_SHOULDER_SLOPE), 1.0)
             # the toe bends what is enhanced, so that bright detail stands out more than dark
             kept = max(MIN_TOE_SLOPE / on_toe, 1.0) - 1.0

@@ -39,7 +39,7 @@ FAT_GREY, GLAND_GREY = 0.13, 0.64
 """Grey of fat and of gland. On twelve clinical CC images the 5th percentile of grey in the breast
 is 0.08 to 0.22, the 99th 0.55 to 0.75."""
 
-TOE, SHOULDER, WHITE = 0.42, 0.58, 0.76
+TOE, SHOULDER, WHITE = 0.42, 0.58, 0.86
 """Grey below and above which the base bends, and that the shoulder nears. The long toe, as film
 has it, shows half of gland's attenuation at a third of the range, for clinical medians are 0.20 to
 0.36. Muscle, with two to four times the contrast of gland, lies on the shoulder; on clinical MLO
