@@ -53,7 +53,8 @@ class BlockLevel:
     free: NDArray[np.float32]
     bundles: Bundles
     workspace: Workspace
-    cycle: ClassVar[Cycle] = Cycle(smoothed_part=8.0, smoothings=2, coarsest=600)
+    # The coarsest matrix is factorised at each Newton step: 3 ms for 500 unknowns, 0.3 ms for 150.
+    cycle: ClassVar[Cycle] = Cycle(smoothed_part=8.0, smoothings=2, coarsest=200)
 
     @classmethod
     def of(
