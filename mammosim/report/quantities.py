@@ -8,7 +8,7 @@ from typing import Any
 
 _UNITS = {
     "mm": "mm", "mm2": "cm²", "mm3": "mL", "ml": "mL", "n": "N", "kpa": "kPa", "mgy": "mGy",
-    "kev": "keV", "s": "s", "ms": "ms", "mb": "MB", "voxel": "voxels",
+    "kev": "keV", "mj": "mJ", "s": "s", "ms": "ms", "mb": "MB", "voxel": "voxels",
     "deg": "°", "percent": "%", "px": "px",
 }  # fmt: skip
 
@@ -30,6 +30,7 @@ _NAMES = {
     "depth_mm": "Tissue inside the plates, RMS depth",
     "error_mm": "Estimated error, mean",
     "largest_error_mm": "Estimated error, largest",
+    "energy_mj": "Elastic energy",
     "skin_mm": "Skin thickness",
     "scatter_noise_percent": "Statistical error of scatter",
     "scatter_photons": "Photons followed",

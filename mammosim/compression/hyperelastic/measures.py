@@ -32,7 +32,8 @@ def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float
         `out_of_balance`, the norm of the nodes' unbalanced forces over that of the plates' forces
         on them; `depth_mm`, how far the surface is inside the plates (root mean square); `error_mm`
         and `largest_error_mm`, the estimated distance of the nodes from equilibrium, mean and
-        largest; `skin_mm`, the skin's thickness, where it is a sheet.
+        largest; `energy_mj`, by which two equilibria between the same plates can be compared;
+        `skin_mm`, the skin's thickness, where it is a sheet.
     """
     edge = float(mesh.nodes.spacing_mm[0])
     pressure, push = contact.pressure(state.u)
@@ -62,6 +63,7 @@ def body_measures(mesh: Mesh, contact: Contact, state: State) -> dict[str, float
         depth_mm=state.last.depth * edge,
         error_mm=state.last.error * edge,
         largest_error_mm=state.last.largest_error * edge,
+        energy_mj=state.value.energy * edge**3 * 1e-3,
     )
     if mesh.body.structure.skin is not None:
         measures["skin_mm"] = mesh.body.structure.skin.thickness * edge
