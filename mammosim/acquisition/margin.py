@@ -93,12 +93,12 @@ EDGE_GAIN, EDGE_GAIN_MM = 0.2, (1.0, 2.5)
 this is done in full and beyond which not at all. On clinical images both are about as bright as
 gland: their filters bring out what stands against the black of air. Set by eye."""
 
-LIFT, LIFT_MM = 0.22, 7.0
-"""Attenuation (ln) by which the outermost margin is compensated too much, and the depth over which
-this falls to a third. On clinical images fat brightens towards the skin line: 3 mm below it grey is
-0.24 to 0.36, 10 mm below it 0.12 to 0.21, and darker inside (four images)."""
+LIFT, LIFT_MM = 0.45, 7.0
+"""Part of gland's contrast that is added to the margin at the skin, and the depth over which this
+falls to a third. On clinical images fat brightens towards the skin line: 3 mm below it grey is 0.24
+to 0.36, 10 mm below it 0.12 to 0.21, and darker inside (four images)."""
 
-NIPPLE_POWER, NIPPLE_EDGE_MM = 0.65, 3.5
+NIPPLE_POWER, NIPPLE_EDGE_MM = 0.85, 3.5
 """A nipple in profile, a centimetre of soft tissue, is raised to this power of its part of gland's
 contrast; at the second distance from it this has faded. On clinical images it is as bright as the
 skin line or brighter. Set by eye."""
@@ -180,7 +180,7 @@ def raised_edge(equalized: F64, margin: Margin, fat: float, contrast: float) -> 
     near_nipple = distance_to(margin.breast & ~margin.body) * margin.cell_mm
     share = smooth_step(1.0 - near_nipple / NIPPLE_EDGE_MM)
     lift = LIFT * np.exp(-np.maximum(margin.depth_mm, 0.0) / LIFT_MM)
-    return lift + contrast * np.maximum(raised, share * (part**NIPPLE_POWER - part))
+    return contrast * (lift + np.maximum(raised, share * (part**NIPPLE_POWER - part)))
 
 
 def smooth_step(place: F64) -> F64:
