@@ -51,9 +51,9 @@ WIDEST_COARSE_STEP = 0.3
 BALANCE_LEVEL = 1
 """Of the nested bodies, the one on which the plates' height is sought: elements twice as large."""
 
-BYTES_PER_NODE = 1300.0
-"""Of the lattice's box: displacement and force in double precision; a block stencil holds 126
-numbers a node."""
+BYTES_PER_NODE = 1550.0
+"""Of the lattice's box; displacement and force in double precision; a block stencil holds 126
+numbers per node, and so does its copy in bundles, for the part of the box that is tissue."""
 
 SECONDS_PER_COMPRESSION, SECONDS_PER_NODE = 2.0, 2e-4
 """Of the lattice's box, with the search of the plates' height; threads hardly share them. Measured
