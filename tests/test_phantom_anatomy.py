@@ -380,7 +380,7 @@ def spectral_exponent(grey, inside, pitch_mm, low=0.15, high=0.7):
 def test_structure_has_the_power_law_of_mammograms():
     """P(f) ~ f^-b with b 2.8 on average, 1.5 to 3.5 over breasts (Burgess).
 
-    Of what attenuates beside fat, in straight rays through 40 mm of small breasts with voxels of
+    Of what attenuates beside fat, in straight rays through 30 mm of small breasts with voxels of
     0.3 mm: no compression and no blur. Septa and threads are thinner than any voxel of a quick
     test, and in coarse ones their fill would be drawn over more than the wavelengths measured.
     """
@@ -392,9 +392,9 @@ def test_structure_has_the_power_law_of_mammograms():
             part[tissue.label] = tissue.mixture.get("ligament", 0.0)
     exponents = []
     for density, seed in (("b", 102), ("c", 201), ("d", 301)):
-        breast = generate_phantom(density, 0.3, seed, volume_ml=160.0)
+        breast = generate_phantom(density, 0.3, seed, volume_ml=220.0)
         middle = round(-breast.origin_mm[2] / 0.3)
-        slab = breast.labels[:, :, middle - 67 : middle + 67]
+        slab = breast.labels[:, :, middle - 50 : middle + 50]
         inside = ~np.isin(slab, [LABEL["air"], LABEL["skin"], LABEL["muscle"]])
         whole = inside.mean(axis=2) > 0.8
         exponents.append(spectral_exponent(part[slab].sum(axis=2) * 0.3, whole, 0.3))
