@@ -16,6 +16,10 @@ MIN_WEDGE_MM = 0.5
 """Least rise of the muscle's depth across the breast that tells a side: finer than this is the
 staircase of voxels."""
 
+RIM_MM = 15.0
+"""Columns with less tissue than this belong to the breast's rim, where skin and fat leave no room
+for muscle. Chosen by generated breasts."""
+
 
 def nipple_position(
     labels: NDArray[np.uint8],
@@ -54,8 +58,8 @@ def side_of_muscle(
 ) -> str | None:
     """Side from the muscle wedge: below the nipple it is thicker medially, as the chest curves.
 
-    The depth of muscle in each column of tissue along x, 0 where it has none, is fitted by a line
-    in y. Medial is -y for a left breast and +y for a right one.
+    The depth of muscle in each column along x with `RIM_MM` of tissue or more, 0 where it has none,
+    is fitted by a line in y. Medial is -y for a left breast and +y for a right one.
 
     Parameters
     ----------
@@ -70,14 +74,15 @@ def side_of_muscle(
     """
     below = int(np.clip(np.ceil(frame.index(nipple_mm)[2]), 0, labels.shape[2]))
     depth = np.zeros((labels.shape[1], below), np.int32)
-    tissue = np.zeros(depth.shape, bool)
+    tissue = np.zeros_like(depth)
     for layer in labels[:, :, :below]:
         depth += layer == TISSUES["muscle"].label
-        tissue |= layer != 0
-    y = np.nonzero(tissue)[0] * frame.spacing_mm[1]
-    if not depth.any() or np.ptp(y) == 0:
+        tissue += layer != 0
+    counted = tissue * frame.spacing_mm[0] >= RIM_MM
+    y = np.nonzero(counted)[0] * frame.spacing_mm[1]
+    if not depth[counted].any() or np.ptp(y) == 0:
         return None
-    thickness = depth[tissue] * frame.spacing_mm[0]
+    thickness = depth[counted] * frame.spacing_mm[0]
     slope = float(np.polyfit(y - y.mean(), thickness, 1)[0])
     if abs(slope) * np.ptp(y) < MIN_WEDGE_MM:
         return None

@@ -97,12 +97,12 @@ def log_attenuation(signal, air_signal, mean_depth, gantry):
 
 
 def bent(value, toe, shoulder, white):
-    """Straight, with a film's toe and shoulder."""
+    """Straight, with an exponential toe and a shoulder that is a hyperbola."""
     if value < toe:
         return toe * np.exp(value / toe - 1.0)
     if value > shoulder:
         left = white - shoulder
-        return white - left * np.exp(-(value - shoulder) / left)
+        return white - left / (1.0 + (value - shoulder) / left)
     return value
 
 
@@ -125,9 +125,10 @@ def grey(attenuation, missing, rise, base, curve):
         detail + (curve.gain - 1.0) * weak + curve.gain * max(0.7 / toe_slope - 1.0, 0.0) * weak
     )
     # the derivative of the shoulder, no less than 0.4, but 0.9 for the finest detail
-    shoulder_slope = np.clip((curve.white - below) / (curve.white - curve.shoulder), 0.4, 1.0)
+    left = (curve.white - below) / (curve.white - curve.shoulder)
+    shoulder_slope = np.clip(left**2, 0.4, 1.0)
     shown = below + shoulder_slope * (with_toe(raised) - with_toe(straight))
-    fine = inner * detail * np.exp(-((detail / 0.035) ** 2))
+    fine = inner * detail * np.exp(-((detail / 0.032) ** 2))
     shown += max(0.9 - shoulder_slope, 0.0) * slope * curve.gain * fine
     shown = bent(max(shown, 0.0), 0.0, 0.85, 1.0)
     return part * shown * min(1.0, np.exp((raised - (curve.fat_grey - 0.4)) / 0.1))
