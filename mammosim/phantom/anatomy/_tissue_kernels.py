@@ -207,7 +207,8 @@ def _fill_block(
                     ring = (y * y + z * z) / (areola_mm * areola_mm)
                     thick = low[SKIN_MM] + w * step[SKIN_MM] + areola * np.exp(-ring * ring)
                     smooth = depth
-                    if abs(depth) < voxel or abs(depth - thick) < voxel:
+                    # Not at the chest wall, where no voxel behind would hold one that stands out.
+                    if i > 0 and (abs(depth) < voxel or abs(depth - thick) < voxel):
                         depth += voxel * dither(i, j, k, corner)
                     if depth < thick:
                         if in_nipple(x, y, z, smooth, thick, numbers):

@@ -164,7 +164,7 @@ def gland_room(
     fat = 2.0 + (kind.fat_mm * np.clip(1.0 + 0.3 * uneven, 0.5, 1.7) - 2.0) * back**0.8
     from_skin = (skin_depth_mm - fat) / 5.0
     behind = 5.0 + 2.5 * smooth_noise(rng, frame, 35.0)
-    from_muscle = (-muscle_depth_mm - behind) / 4.0
+    from_muscle = (-muscle_depth_mm - behind) / 1.5
     # The gland leans to the upper outer quadrant, where most of it is.
     lean = np.cos(np.arctan2(superior, lateral) - np.deg2rad(rng.normal(50.0, 15.0)))
     slant = np.rad2deg(np.arctan2(across, ahead))
