@@ -1,6 +1,8 @@
-"""Make the pictures of generated breasts in docs/explanation/phantom.md, two a density class.
+"""CC and MLO of several runs side by side: the picture of the classes in explanation/phantom.md.
 
-python docs/make_breasts.py docs/images/phantom
+    python docs/make_breasts.py docs/images/phantom/classes.png RUN_FOLDER...
+
+Each run has a left CC and MLO as in explanation/pictures.md; the page shows seeds 7113 to 7116.
 """
 
 from __future__ import annotations
@@ -9,50 +11,41 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pydicom
 from PIL import Image
 
-import mammosim
+SHOWN_MM, PIXELS_PER_MM = (82.0, 165.0), 2.6
+"""Width and height shown of each image, from its upper edge and chest wall, and their scale."""
 
-BREASTS = {"fatty": (1, 3), "scattered": (102, 104), "heterogeneous": (201, 203),
-           "dense": (301, 303)}  # fmt: skip
-"""Seeds of each class."""
-
-VOXEL_MM, PIXEL_MM = 0.4, 0.2
-COMPRESSION = {"model": "hyperelastic", "resolution_mm": 4.0, "chest_wall": "sliding",
-               "stiffness": "aspiration"}  # fmt: skip
-EDGE_MM, ROUNDING_MM = {"CC": 15.0, "MLO": 5.0}, 3.0
-"""Of the plates in front of the chest wall, as in configs/cohort.yaml; the detector begins where
-their edge's rounding has ended."""
-
-HEIGHT_PX, WIDTH_PX = 330, 210
+GAP = 4
 
 
 def main() -> None:
-    """One sheet a class: CC and MLO of two breasts."""
-    folder = Path(sys.argv[1])
-    folder.mkdir(parents=True, exist_ok=True)
-    for density, seeds in BREASTS.items():
-        sheet = Image.new("L", (4 * WIDTH_PX + 12, HEIGHT_PX), 40)
-        place = 0
-        for seed in seeds:
-            breast = mammosim.generate_phantom(density, VOXEL_MM, seed)
-            for view in ("CC", "MLO"):
-                sheet.paste(picture(breast, view), (place, 0))
-                place += WIDTH_PX + 4
-        sheet.save(folder / f"{density}.png", optimize=True)
+    """Read the command line."""
+    output, *runs = (Path(word) for word in sys.argv[1:])
+    width, height = (round(PIXELS_PER_MM * side) for side in SHOWN_MM)
+    sheet = Image.new("L", (len(runs) * (width + GAP) - GAP, 2 * height + GAP), 60)
+    for column, run in enumerate(runs):
+        for row, view in enumerate(("LCC", "LMLO")):
+            shown = picture(run / view / "for_presentation.dcm").resize(
+                (width, height), Image.Resampling.LANCZOS
+            )
+            sheet.paste(shown, (column * (width + GAP), row * (height + GAP)))
+    sheet.save(output, optimize=True)
 
 
-def picture(breast: mammosim.BreastPhantom, view: str) -> Image.Image:
-    """A view for presentation, without the air beyond the nipple."""
-    edge = EDGE_MM[view]
-    compressed = mammosim.compress(breast, view=view, plate_edge_mm=edge, **COMPRESSION)
-    paths = mammosim.project(compressed, pixel_mm=PIXEL_MM, detector_edge_mm=edge + ROUNDING_MM)
-    image = mammosim.expose(paths, seed=1)
-    grey = image.for_presentation.astype(float) * (255.0 / 4095.0)
-    whole = Image.fromarray(np.clip(grey, 0.0, 255.0).astype(np.uint8))
-    width = round(whole.width * HEIGHT_PX / whole.height)
-    small = whole.resize((width, HEIGHT_PX), Image.Resampling.LANCZOS)
-    return small.crop((0, 0, WIDTH_PX, HEIGHT_PX))
+def picture(path: Path) -> Image.Image:
+    """The part of an image with the breast, centred on it from top to bottom in CC."""
+    image = pydicom.dcmread(path)
+    pixel = float(image.ImagerPixelSpacing[0])
+    grey = image.pixel_array.astype(float) / (2**image.BitsStored - 1)
+    width, height = (round(side / pixel) for side in SHOWN_MM)
+    rows = np.flatnonzero((grey > 0.03).any(axis=1))
+    first = max(0, (rows[0] + rows[-1] - height) // 2) if rows[0] > 0 else 0
+    cut = grey[first : first + height, :width]
+    whole = np.zeros((height, width))
+    whole[: cut.shape[0], : cut.shape[1]] = cut
+    return Image.fromarray((255.0 * whole).astype(np.uint8))
 
 
 if __name__ == "__main__":
