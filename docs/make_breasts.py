@@ -14,7 +14,7 @@ import numpy as np
 import pydicom
 from PIL import Image
 
-SHOWN_MM, PIXELS_PER_MM = (82.0, 165.0), 2.6
+SHOWN_MM, PIXELS_PER_MM = (88.0, 165.0), 2.5
 """Width and height shown of each image, from its upper edge and chest wall, and their scale."""
 
 GAP = 4
