@@ -17,8 +17,8 @@ MIN_WEDGE_MM = 0.5
 staircase of voxels."""
 
 RIM_MM = 15.0
-"""Columns with less tissue than this belong to the breast's rim, where skin and fat leave no room
-for muscle. Chosen by generated breasts."""
+"""Columns with less tissue than this, or than half of the most, belong to the breast's rim, where
+skin and fat leave no room for muscle. Chosen by generated breasts."""
 
 
 def nipple_position(
@@ -58,8 +58,8 @@ def side_of_muscle(
 ) -> str | None:
     """Side from the muscle wedge: below the nipple it is thicker medially, as the chest curves.
 
-    The depth of muscle in each column along x with `RIM_MM` of tissue or more, 0 where it has none,
-    is fitted by a line in y. Medial is -y for a left breast and +y for a right one.
+    The depth of muscle in each column along x within the rim (`RIM_MM`), 0 where it has none, is
+    fitted by a line in y. Medial is -y for a left breast and +y for a right one.
 
     Parameters
     ----------
@@ -78,7 +78,8 @@ def side_of_muscle(
     for layer in labels[:, :, :below]:
         depth += layer == TISSUES["muscle"].label
         tissue += layer != 0
-    counted = tissue * frame.spacing_mm[0] >= RIM_MM
+    tissue_mm = tissue * frame.spacing_mm[0]
+    counted = tissue_mm >= min(RIM_MM, 0.5 * float(tissue_mm.max(initial=0.0)))
     y = np.nonzero(counted)[0] * frame.spacing_mm[1]
     if not depth[counted].any() or np.ptp(y) == 0:
         return None

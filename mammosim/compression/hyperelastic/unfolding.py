@@ -12,6 +12,7 @@ MAX_SWEEPS = 40
 """Smoothing sweeps at most; 2 to 7 are usual."""
 
 NEIGHBOURS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+"""Steps from a node to those that share an edge with it."""
 
 
 def smoothed_folds(body: Body, u: NDArray[np.float64], least: float) -> NDArray[np.float64]:
