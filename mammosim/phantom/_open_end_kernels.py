@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mammosim._jit import Thread, parallel_kernel, share
+from mammosim.phantom.anatomy._surface_kernels import even_shift
 
 
 class CoarseDepth(NamedTuple):
@@ -64,8 +64,7 @@ def leave_out(
                     below += part_x * (coarse[low_x + 1, low_y, k] - below)
                     above += part_x * (coarse[low_x + 1, low_y + 1, k] - above)
                     line[k] = below + part_y * (above - below)
-                turn = 0.7548776662466927 * i + 0.5698402909980532 * j
-                moved = voxel_mm * np.float32(turn - math.floor(turn) - 0.5)
+                moved = voxel_mm * np.float32(even_shift(i, j))
                 for k in range(box[2, 0], box[2, 1]):
                     if labels[i, j, k] == 0 or labels[i, j, k] == nipple:
                         continue

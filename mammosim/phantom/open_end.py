@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._latest import Latest
 from mammosim.errors import InputError
 from mammosim.phantom._open_end_kernels import CoarseDepth, leave_out
 from mammosim.phantom.breast import BreastPhantom, OpenEnd
@@ -48,12 +48,12 @@ def as_held(breast: BreastPhantom, long_side: NDArray[np.float64]) -> BreastPhan
     return breast if leaves_picture(breast, long_side) else without_open_end(breast)
 
 
-_latest: list[tuple[ref[BreastPhantom], BreastPhantom]] = []
-"""The breast asked for last and its held part: a run checks first that it can be compressed."""
+_latest: Latest[BreastPhantom, BreastPhantom] = Latest()
+"""Held parts of breasts: a run checks first that one can be compressed."""
 
 
 def without_open_end(breast: BreastPhantom) -> BreastPhantom:
-    """The breast without its way to the axilla, as other views than oblique ones hold it.
+    """The breast without its axillary extension, as views other than oblique ones hold it.
 
     There the arm is down: the fold of the axilla stays outside of the plates, which could not close
     on it, and the skin of the breast's upper outer part goes on to the chest.
@@ -68,15 +68,10 @@ def without_open_end(breast: BreastPhantom) -> BreastPhantom:
     A copy of the labels is made, of the box around what remains; that of the breast asked for last
     is kept as long as that breast is.
     """
-    if breast.open_end is None:
+    end = breast.open_end
+    if end is None:
         return breast
-    kept = _latest[:]
-    if not kept or kept[0][0]() is not breast:
-        kept = [
-            (ref(breast, lambda gone: _latest.clear()), _without_axilla(breast, breast.open_end))
-        ]
-        _latest[:] = kept
-    return kept[0][1]
+    return _latest.of(breast, lambda: _without_axilla(breast, end))
 
 
 def _without_axilla(breast: BreastPhantom, end: OpenEnd) -> BreastPhantom:

@@ -10,8 +10,8 @@ from mammosim.phantom.voxels import open_checked
 from mammosim.tissues import load_label_map
 
 BOX_PART = 5.9
-"""Of the breast's volume: the box around it with its muscle and the way to the axilla; 5.1 (1900
-mL) to 8.5 (100 mL) was seen."""
+"""Of the breast's volume: the box around it with its muscle and its extension towards the axilla;
+5.1 (1900 mL) to 8.5 (100 mL) was seen."""
 
 
 def expected_voxels(

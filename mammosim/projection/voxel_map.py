@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from threading import Lock
-from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._latest import Latest
 from mammosim.compression import CompressedBreast, InverseMap
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
@@ -41,11 +40,8 @@ class VoxelMap:
     clipped_fraction: float
 
 
-_latest: list[tuple[ref[CompressedBreast], VoxelMap]] = []
-"""The map made last and whose it is: projection and scatter of one view need the same."""
-
-_making = Lock()
-"""A view's volumes are written beside its projection: the second to ask waits for the first."""
+_latest: Latest[CompressedBreast, VoxelMap] = Latest()
+"""Projection, scatter and the volumes of one view, which are written beside them, need the same."""
 
 
 def voxel_map(compressed: CompressedBreast) -> VoxelMap:
@@ -71,12 +67,7 @@ def voxel_map(compressed: CompressedBreast) -> VoxelMap:
     nodes it is interpolated. A density that jumped from cell to cell would draw the grid into the
     picture. The map of the breast asked for last is kept as long as that breast is.
     """
-    with _making:
-        kept = _latest[:]
-        if not kept or kept[0][0]() is not compressed:
-            kept = [(ref(compressed, lambda gone: _latest.clear()), _made_map(compressed))]
-            _latest[:] = kept
-        return kept[0][1]
+    return _latest.of(compressed, lambda: _made_map(compressed))
 
 
 def _made_map(compressed: CompressedBreast) -> VoxelMap:

@@ -44,7 +44,7 @@ def wall_unevenness(tile: NDArray[np.int8], scale: float, p: float, q: float, r:
 
 @merged_kernel
 def fan_grain_at(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float) -> float:
-    """The same for gland, whose structure fans out from the nipple: bundles and sheets."""
+    """As `grain_at`, for gland, whose structure fans out from the nipple: bundles and sheets."""
     fan = 5.0 * (FAN_MM + FAN_APEX_MM) / max(p + FAN_APEX_MM, FAN_APEX_MM)
     a = int(p * (5.0 * FAN_ALONG) + 65536.0) & (TILE - 1)
     b = int(q * fan + 65536.0) & (TILE - 1)

@@ -23,15 +23,22 @@ def _face(corner: NDArray[np.float64], a: int, b: int, c: int, d: int) -> float:
     return corner[a] + corner[b] + corner[c] + corner[d]
 
 
+@merged_kernel
+def even_shift(first: int, second: int) -> float:
+    """Shift from -0.5 to 0.5 of a column of voxels: a sequence of low discrepancy (the golden ratio
+    in two dimensions), so that the mean over any few columns is close to 0."""
+    turn = 0.7548776662466927 * first + 0.5698402909980532 * second
+    return turn - np.floor(turn) - 0.5
+
+
 @kernel
 def dither(i: int, j: int, k: int, corners: NDArray[np.float64]) -> float:
     """Shift of a surface at a voxel, in voxels along its normal, that hides the staircase.
 
     The surface's normal is the gradient over the coarse cell's corners. Along the axis nearest to
     it all voxels of a column are shifted alike, so that layers keep their thickness and stay
-    whole; from column to column the shift follows a sequence of low discrepancy (the golden ratio
-    in two dimensions), so that the mean of any few columns is the surface's true place. Half a
-    voxel along that axis is the most.
+    whole; from column to column shifts are spread evenly, so that the mean of any few columns is
+    the surface's true place. Half a voxel along that axis is the most.
     """
     c = corners[SKIN_DEPTH]
     gx = _face(c, 4, 5, 6, 7) - _face(c, 0, 1, 2, 3)
@@ -44,8 +51,7 @@ def dither(i: int, j: int, k: int, corners: NDArray[np.float64]) -> float:
         most, first, second, sign = ay, i, k, gy
     else:
         most, first, second, sign = az, i, j, gz
-    turn = 0.7548776662466927 * first + 0.5698402909980532 * second
-    shift = (turn - np.floor(turn) - 0.5) * most / np.sqrt(gx * gx + gy * gy + gz * gz + 1e-12)
+    shift = even_shift(first, second) * most / np.sqrt(gx * gx + gy * gy + gz * gz + 1e-12)
     return shift if sign > 0.0 else -shift
 
 

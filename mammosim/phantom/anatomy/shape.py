@@ -191,7 +191,7 @@ def level(shape: Shape, points_mm: Points) -> NDArray[np.float64]:
 def _by_direction(
     sides: tuple[float, float, float, float], angle: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """A number that goes over smoothly from each of four sides to the next."""
+    """A number that varies smoothly from each of four sides to the next."""
     cosine, sine = np.cos(angle), np.sin(angle)
     lateral, medial, upper, lower = sides
     across: NDArray[np.float64] = np.where(cosine > 0.0, lateral, medial) * cosine**2
@@ -203,7 +203,7 @@ def _reach_mm(
 ) -> NDArray[np.float64]:
     """Radius of the section in each direction, as if it were at the base, mm."""
     cosine, sine = np.cos(angle), np.sin(angle)
-    # Half-axes go over into each other smoothly, so that the skin has no crease.
+    # Half-axes merge smoothly, so that the skin has no crease.
     right = 0.5 * (1.0 + np.tanh(2.5 * cosine))
     top = 0.5 * (1.0 + np.tanh(2.5 * sine))
     a = shape.medial + (shape.lateral - shape.medial) * right

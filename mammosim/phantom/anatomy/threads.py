@@ -344,7 +344,9 @@ def _unit(vectors: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
     return unit
 
 
-def _pieces(courses: NDArray[np.float64], radius: NDArray[np.float64]) -> Courses:
+def _pieces(
+    courses: NDArray[np.float64], radius: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Ends (n, 2, 3) and radii (n, 2) of the straight pieces of fibres."""
     ends = np.stack([courses[:, :-1], courses[:, 1:]], axis=2).reshape(-1, 2, 3)
     radii = np.stack([radius[:, :-1], radius[:, 1:]], axis=2).reshape(-1, 2)
