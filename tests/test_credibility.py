@@ -1,6 +1,6 @@
 """A compression is believed, doubted or refused by the table of limits."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -8,7 +8,12 @@ from make_records import make_compressed
 
 from mammosim.compression import CompressionSettings, compress
 from mammosim.compression.credibility import believed, contact_quantities
-from mammosim.compression.plate_balance import BALANCED, BalancedHeight, PlateForces
+from mammosim.compression.plate_balance import (
+    BALANCED,
+    BalancedHeight,
+    PlateForces,
+    balanced,
+)
 from mammosim.compression.plates import Plates
 from mammosim.errors import InputError, NotConverged
 from mammosim.geometry import View
@@ -161,6 +166,33 @@ def test_a_coarse_copy_that_fails_leaves_the_plates_where_they_are():
     plates = Plates(-25.0, 25.0, 0.0)
     assert BalancedHeight(lambda plates: None, -50.0, 50.0).placed(plates) == plates
     assert BalancedHeight(linear(5.0, 0.05), -20.0, 20.0).placed(plates) == plates
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A solver's state, with nothing in it."""
+
+    converged: bool = True
+    interrupted: bool = False
+
+    def stopped(self):
+        return Solved(converged=False, interrupted=True)
+
+
+def test_an_interruption_of_a_correction_is_no_result():
+    """The height before was solved, but not balanced: it is what was reached."""
+    solved = []
+
+    def solve(plates, start):
+        solved.append(plates)
+        return (Solved().stopped() if start else Solved()), PlateForces(80.0, 100.0)
+
+    height = BalancedHeight(linear(0.0, 0.05), -50.0, 50.0)
+    plates, state = balanced(Plates(-25.0, 25.0, 0.0), height, solve)
+    assert len(solved) == 2
+    assert state.interrupted
+    assert not state.converged
+    assert plates == solved[0]
 
 
 def test_plates_that_touch_nothing_are_balanced():

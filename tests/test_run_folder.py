@@ -9,6 +9,8 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
+from functools import wraps
 from pathlib import Path
 
 import pytest
@@ -256,6 +258,43 @@ def test_a_signal_while_settings_are_written_out_is_not_lost():
 
     with pytest.raises(KeyboardInterrupt, match="SIGTERM"):
         write_out()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_signal_that_was_lost_interrupts_at_the_next_step():
+    """Python prints an exception in a destructor, and goes on."""
+
+    class Last:
+        def __del__(self) -> None:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.001)
+
+    with signals_interrupt() as interrupt_if_one_came:
+        interrupt_if_one_came()
+        Last()
+        with pytest.raises(KeyboardInterrupt, match="SIGINT"):
+            interrupt_if_one_came()
+
+
+def test_a_run_from_which_a_signal_was_lost_ends_at_its_next_stage(user, monkeypatch):
+    from mammosim.pipeline.run import simulation
+
+    make_phantom = simulation.make_phantom
+
+    @wraps(make_phantom)
+    def losing(*arguments, **keys):
+        with suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(1.0)
+        return make_phantom(*arguments, **keys)
+
+    monkeypatch.setattr(simulation, "make_phantom", losing)
+    output = user / "out"
+    result = invoke("run", write(user, **GENERATED), "--output", output)
+    assert result.exit_code == 130, result.output
+    assert "SIGTERM" in result.output
+    assert status_of(output) == "interrupted"
+    assert not (output / "LCC").exists()
 
 
 def test_an_interruption_in_the_report_leaves_a_marked_record(user, monkeypatch):

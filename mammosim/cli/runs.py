@@ -7,7 +7,7 @@ import sys
 from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -143,10 +143,15 @@ def run(
         check_memory_limit(plan)
         print_warnings(plan.warnings)
         refuse_own_configuration(folder, config)
-        with signals_interrupt(), writing(folder):
+        with signals_interrupt() as interrupt_if_one_came, writing(folder):
             saved = RunFolder(folder, settings, title, reuse or ())
             shown = event_lines(plan) if events else progress(plan, verbose)
-            with shown as on_progress, rehearsing(settings, plan):
+            with shown as show, rehearsing(settings, plan):
+
+                def on_progress(view: str, stage: str, row: Any) -> None:
+                    interrupt_if_one_came()
+                    show(view, stage, row)
+
                 study = simulate(settings, saved, on_progress)
         _print_summary(study, folder)
         print_warnings(note for note in study.notes if note not in plan.warnings)

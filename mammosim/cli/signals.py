@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from collections.abc import Callable
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -21,19 +22,33 @@ which it crashes, the second while settings are checked or written out."""
 
 
 @contextmanager
-def signals_interrupt() -> Iterator[None]:
-    """Let SIGTERM interrupt as Ctrl-C does, and neither of them in the middle of compiling."""
+def signals_interrupt() -> Iterator[Callable[[], None]]:
+    """Let SIGTERM interrupt as Ctrl-C does, and neither of them in the middle of compiling.
+
+    Yields
+    ------
+    callable
+        Interrupts if a signal came before; called between steps of the work. An exception is lost
+        where Python calls code that nobody waits for, as when an object is deleted: the work would
+        go on as if nobody had stopped it.
+    """
+    came: list[str] = []
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         if _is_within(frame, NOT_WITHIN):
             threading.Timer(RETRY_S, os.kill, (os.getpid(), number)).start()
             return
-        raise KeyboardInterrupt(f"the run was interrupted by {signal.Signals(number).name}")
+        came.append(f"the run was interrupted by {signal.Signals(number).name}")
+        raise KeyboardInterrupt(came[0])
+
+    def interrupt_if_one_came() -> None:
+        if came:
+            raise KeyboardInterrupt(came[0])
 
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, interrupt) for number in numbers]
     try:
-        yield
+        yield interrupt_if_one_came
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)

@@ -88,6 +88,10 @@ class _Reached:
     def converged(self) -> bool:
         return self.state.converged and not self.state.interrupted
 
+    @property
+    def interrupted(self) -> bool:
+        return self.state.interrupted
+
     def stopped(self) -> _Reached:
         """The same, where the user stopped the search."""
         return replace(self, state=replace(self.state, converged=False, interrupted=True))

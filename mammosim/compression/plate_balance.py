@@ -51,6 +51,11 @@ class Equilibrium(Protocol):
         """Whether the solver reached its tolerance."""
         ...
 
+    @property
+    def interrupted(self) -> bool:
+        """Whether the user stopped the solver."""
+        ...
+
     def stopped(self) -> Self:
         """The same state, at which the user stopped the search."""
         ...
@@ -183,7 +188,7 @@ def balanced(plates: Plates, height: BalancedHeight, solve: Solve[S]) -> tuple[P
     -------
     plates : Plates
     state : state of the model
-        Of the best height that was solved.
+        Of the best height that was solved; marked as interrupted where the user stopped the search.
     """
     plates = height.placed(plates)
     best = Tried(plates, *solve(plates, None))
@@ -192,6 +197,8 @@ def balanced(plates: Plates, height: BalancedHeight, solve: Solve[S]) -> tuple[P
             break
         plates = height.corrected(best.plates, best.forces)
         tried = Tried(plates, *solve(plates, best.state))
+        if tried.state.interrupted:
+            return best.plates, best.state.stopped()
         if not tried.state.converged:
             break
         learned = height.learn(best, tried)
