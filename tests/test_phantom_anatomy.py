@@ -136,6 +136,11 @@ def test_one_body_with_air_all_around_but_at_the_chest_wall(scattered):
     assert tissue[0].any()
     for face in (tissue[-1], tissue[:, 0], tissue[:, -1], tissue[:, :, 0], tissue[:, :, -1]):
         assert not face.any()
+    # No more air than needed: 2 mm at the open end and the nipple, elsewhere the skin's dither.
+    voxels = np.argwhere(tissue)
+    below, above = voxels.min(axis=0), np.array(tissue.shape) - 1 - voxels.max(axis=0)
+    assert below.max() <= 3
+    assert above.max() * 0.75 <= 2.0 + 3 * 0.75
     assert scattered.origin_mm[0] - 0.5 * scattered.voxel_mm[0] == 0.0
 
 

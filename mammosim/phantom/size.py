@@ -9,9 +9,9 @@ from mammosim.phantom.settings import PhantomSettings, Side
 from mammosim.phantom.voxels import open_checked
 from mammosim.tissues import load_label_map
 
-BOX_PART = 5.9
+BOX_PART = 4.7
 """Of the breast's volume: the box around it with its muscle and its extension towards the axilla;
-5.1 (1900 mL) to 8.5 (100 mL) was seen."""
+3.9 (100 mL) to 5.0 was seen."""
 
 
 def expected_voxels(

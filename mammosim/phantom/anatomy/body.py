@@ -96,16 +96,13 @@ def draw_body(settings: GenerateSettings, seed: int, laterality: str) -> Body:
 
 
 def lattice_of(body: Body, voxel_mm: float) -> Lattice:
-    """Voxel centres from the chest wall to two voxels of air around breast and nipple."""
-    depth, origin = body.depth_mm, body.frame.origin_mm
-    inside = np.argwhere(depth > 0)
-    at = origin[1:] + inside[:, 1:] * GRID_MM
-    cut = _cut(body.outline)
-    inside = inside[at @ cut[:2] < cut[2] + GRID_MM]
-    low = origin + (inside.min(axis=0) - 1) * GRID_MM
-    high = origin + (inside.max(axis=0) + 1) * GRID_MM
+    """Voxel centres from the chest wall to a voxel or two of air around breast and nipple."""
+    origin = body.frame.origin_mm
     front = body.outline.shape.depth_mm + max(body.nipple.height_mm, 0.0) + 2.0 * voxel_mm
-    count = np.ceil((np.array([front, *high[1:]]) + voxel_mm) / voxel_mm).astype(int)
+    (low_lateral, high_lateral), (low_superior, high_superior) = _sides_mm(body)
+    low = np.array([0.0, low_lateral, low_superior])
+    high = np.array([front, high_lateral, high_superior])
+    count = np.ceil((high + voxel_mm) / voxel_mm).astype(int)
     first = np.floor((low - voxel_mm) / voxel_mm).astype(int)
     axes = [
         (np.arange(start, end) + 0.5) * voxel_mm
@@ -118,6 +115,40 @@ def lattice_of(body: Body, voxel_mm: float) -> Lattice:
     x, lateral, superior = axes
     x_start, lateral_start, superior_start = starts
     return Lattice(x, lateral, superior, origin, GRID_MM, x_start, lateral_start, superior_start)
+
+
+def _sides_mm(body: Body) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Where tissue begins and ends along lateral and superior, in front of the wall, mm.
+
+    Only up to the open end: the grid goes on beyond it, and spreads behind the wall.
+    """
+    x, lateral, superior = (body.frame.axis_mm(axis) for axis in range(3))
+    cut_lateral, cut_superior, cut_mm = _cut(body.outline)
+    depth = body.depth_mm[x >= 0.0]
+    # The cut as the blocks on both sides of a column meet it.
+    last_lateral = (cut_mm - cut_superior * (superior - GRID_MM)) / cut_lateral
+    last_superior = (cut_mm - cut_lateral * (lateral - GRID_MM)) / cut_superior
+    return (
+        _ends_mm(depth.swapaxes(1, 2), lateral, last_lateral[:, None]),
+        _ends_mm(depth, superior, last_superior[:, None]),
+    )
+
+
+def _ends_mm(
+    depth_mm: NDArray[np.float64], places_mm: NDArray[np.float64], last_mm: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Lowest and highest place where a depth, linear along the last axis, is positive, mm.
+
+    Each column counts up to its own last place. Between columns that a trilinear depth joins it is
+    positive nowhere beyond.
+    """
+    before, after, start = depth_mm[..., :-1], depth_mm[..., 1:], places_mm[:-1]
+    turns = (before > 0.0) != (after > 0.0)
+    part = np.divide(before, before - after, out=np.ones_like(before), where=turns)
+    place = start + GRID_MM * part
+    low = place[turns & (after > 0.0) & (place < last_mm)].min()
+    high = np.minimum(place, last_mm)[(before > 0.0) & (start < last_mm)].max()
+    return float(low), float(high)
 
 
 def _cut(outline: Outline) -> NDArray[np.float64]:
