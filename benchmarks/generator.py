@@ -29,7 +29,7 @@ PIXEL_MM = 0.2
 
 COMPRESSION = {"model": "hyperelastic", "resolution_mm": 4.0, "chest_wall": "sliding",
                "stiffness": "krouskop", "plate_edge_mm": 15.0}  # fmt: skip
-DETECTOR_EDGE_MM = 18.0
+DETECTOR_EDGE_MM = 20.0
 """As CC of configs/cohort.yaml."""
 
 COLUMNS = (

@@ -22,9 +22,9 @@ AIR_BELOW_FAT, AIR_FADE = 0.4, 0.1
 # Details keep at least this part of their contrast where the base lies on the toe or shoulder.
 MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.7, 0.4
 
-# On the shoulder, details (ln) well below the limit keep this part of their contrast: fibres and
-# grain of muscle. Those well above do not, or the muscle's edge would get a halo.
-FINE_SHOULDER_SLOPE, FINE_LIMIT = 0.9, 0.032
+# On the shoulder, away from strong steps, weak details keep this part of their contrast: on
+# clinical images fibres of muscle, and strands before it, are seen as well as those in fat.
+EVEN_SHOULDER_SLOPE = 1.0
 
 # Slope of the toe below which details are not raised any further.
 FLATTEST_TOE = 0.05
@@ -269,6 +269,7 @@ def present_kernel(
     missing: F64,
     rise: F64,
     base: F64,
+    even: F64,
     cell: float,
     curve: ToneCurve,
     maximum: float,
@@ -276,7 +277,8 @@ def present_kernel(
 ) -> None:
     """Add what the margin lacks, split the sum into base and detail, and show both as grey.
 
-    `missing`, `rise` and `base` are coarse and interpolated linearly. Detail is added to the base,
+    `missing`, `rise`, `base` and `even` (0 beside strong steps, else 1) are coarse and interpolated
+    linearly. Detail is added to the base,
     weak detail times the gain, and raised where the curve is flat; the curve's toe shows the sum,
     and on its shoulder detail keeps a part of its contrast, weak detail most of it. The sum is bent
     at white once more, so that nothing is clipped. Grey rises from black over the skin line.
@@ -307,9 +309,8 @@ def present_kernel(
             kept = max(MIN_TOE_SLOPE / on_toe, 1.0) - 1.0
             raised = straight + slope * (detail + more + kept * curve.gain * weak)
             shown += on_shoulder * (_on_toe(raised, curve.toe) - _on_toe(straight, curve.toe))
-            fine = _edge_part(0.5 * place) * detail * exp(-((detail / FINE_LIMIT) ** 2))
-            lost = max(FINE_SHOULDER_SLOPE - on_shoulder, 0.0)
-            shown += lost * slope * curve.gain * fine
+            lost = (EVEN_SHOULDER_SLOPE - on_shoulder) * _interpolated(even, y, x)
+            shown += lost * slope * curve.gain * weak
             shown = _bent(max(shown, 0.0), 0.0, FINAL_SHOULDER, 1.0)
             below = raised - curve.fat_grey + AIR_BELOW_FAT
             if below < 0.0:

@@ -43,22 +43,23 @@ Nearer the edge, skin seen along its surface attenuates more than what lies belo
 EDGE_MM = 0.5
 """Depth of the true edge: smoothing puts the mask's about a cell farther out."""
 
-EDGE_RISE_MM = 0.7
+EDGE_RISE_MM = 0.9
 """Over this depth grey rises from black. A scanner's equalization follows the smoothed image and
 misses the outermost millimetre, so that the skin line rises over about that, as it does on clinical
 images (0.55 to 1.65 mm)."""
 
-PROFILE_SIGMA_MM = 1.5
+PROFILE_SIGMA_MM = 0.8
 """The profile of fat is smoothed by this before it is compensated, as scanners' estimates of the
-thickness are: just inside the edge a little too much is added, and too little at it."""
+thickness are: just inside the edge a little too much is added, and too little at it. Twice as much
+widens the skin line by half a millimetre."""
 
 SKIN_MM = 1.5
 """Thickness of skin; 1.45 mm on average (Huang et al. 2008, Med Phys 35:1199)."""
 
-SKIN_KEPT_MM = (1.0, 3.0)
+SKIN_KEPT_MM = (0.5, 1.8)
 """Down to the first depth skin keeps its height above fat, from the second it is compensated like
-fat: on clinical images the skin line is 0.6 to 1.7 mm wide, although rays cross much skin below
-it."""
+fat: on clinical images the skin line is brightest at 0.8 to 1.2 mm, and 0.6 to 1.7 mm wide,
+although rays cross much skin below it (six images)."""
 
 SKIN_ABOVE_FAT = 0.45
 """Attenuation of skin over that of as much fat, less 1: between 15 and 25 keV 0.5 to 0.4 by the
@@ -88,20 +89,20 @@ PLATEAU_QUANTILE = 0.05
 MAX_GLAND = 1.0
 """The darkest of what is that deep holds no more gland than this (ln): 4 cm."""
 
-EDGE_GAIN, EDGE_GAIN_MM = 0.2, (1.0, 2.5)
-"""By how much skin and nipple are raised towards the level of gland, and the depths up to which
-this is done in full and beyond which not at all. On clinical images both are about as bright as
-gland: their filters bring out what stands against the black of air. Set by eye."""
+EDGE_GAIN, EDGE_GAIN_MM = 0.3, (0.8, 1.8)
+"""By how much skin and nipple are raised towards the level of gland for each unit (ln) of gland's
+contrast, and the depths up to which this is done in full and beyond which not at all. On clinical
+images skin is about as bright as gland, in dense breasts too: their filters bring out what stands
+against the black of air. Set by eye."""
 
 LIFT, LIFT_MM = 0.45, 7.0
 """Part of gland's contrast that is added to the margin at the skin, and the depth over which this
 falls to a third. On clinical images fat brightens towards the skin line: 3 mm below it grey is 0.24
 to 0.36, 10 mm below it 0.12 to 0.21, and darker inside (four images)."""
 
-NIPPLE_POWER, NIPPLE_EDGE_MM = 0.85, 3.5
-"""A nipple in profile, a centimetre of soft tissue, is raised to this power of its part of gland's
-contrast; at the second distance from it this has faded. On clinical images it is as bright as the
-skin line or brighter. Set by eye."""
+NIPPLE_EDGE_MM = 3.5
+"""A nipple in profile takes no part in this lift, which comes back over this distance from it: on
+clinical images it is a soft dome no brighter than the skin line, and no white cap on it."""
 
 THIN_DEPTH_MM, THIN_SIGMA_MM, THIN_PART = 1.0, 1.5, 0.9
 """Thin places are looked for deeper than the first, on the scale of the second, and this part of
@@ -176,11 +177,11 @@ def raised_edge(equalized: F64, margin: Margin, fat: float, contrast: float) -> 
     near, far = EDGE_GAIN_MM
     part = np.clip((equalized - fat) / contrast, 0.0, 1.0)
     share = smooth_step((far - margin.depth_mm) / (far - near))
-    raised = EDGE_GAIN * share * part * (1.0 - part)
+    raised = EDGE_GAIN * contrast * share * part * (1.0 - part)
     near_nipple = distance_to(margin.breast & ~margin.body) * margin.cell_mm
-    share = smooth_step(1.0 - near_nipple / NIPPLE_EDGE_MM)
     lift = LIFT * np.exp(-np.maximum(margin.depth_mm, 0.0) / LIFT_MM)
-    return contrast * (lift + np.maximum(raised, share * (part**NIPPLE_POWER - part)))
+    lift *= smooth_step(near_nipple / NIPPLE_EDGE_MM)
+    return contrast * (lift + raised)
 
 
 def smooth_step(place: F64) -> F64:
@@ -312,8 +313,8 @@ def _with_nipple(expected: F64, rise: F64, coarse: F64, margin: Margin) -> tuple
     own *= smooth_step((far - distance_to(nipple) * cell_mm) / (far - near))
     outline_mm = signed_depth(margin.breast, NIPPLE_CONTOUR_MM / cell_mm) * cell_mm
     close = smooth_step(2.0 - distance_to(nipple) * cell_mm / NIPPLE_SIGMA_MM)
-    own_rise = close * (outline_mm - EDGE_MM) / EDGE_RISE_MM
-    return np.maximum(expected, own), np.maximum(rise, own_rise)
+    own_rise = (outline_mm - EDGE_MM) / EDGE_RISE_MM
+    return np.maximum(expected, own), rise + close * np.maximum(own_rise - rise, 0.0)
 
 
 def _thin_places(level: F64, margin: Margin, plateau: float) -> F64:

@@ -106,7 +106,7 @@ def bent(value, toe, shoulder, white):
     return value
 
 
-def grey(attenuation, missing, rise, base, curve):
+def grey(attenuation, missing, rise, base, even, curve):
     """Grey (0 to 1) of one pixel, coarse images given where it is."""
     part, inner = (3.0 * t**2 - 2.0 * t**3 for t in np.clip([rise, 0.5 * rise], 0.0, 1.0))
     level = attenuation + missing
@@ -124,12 +124,11 @@ def grey(attenuation, missing, rise, base, curve):
     raised = straight + slope * (
         detail + (curve.gain - 1.0) * weak + curve.gain * max(0.7 / toe_slope - 1.0, 0.0) * weak
     )
-    # the derivative of the shoulder, no less than 0.4, but 0.9 for the finest detail
+    # the derivative of the shoulder, no less than 0.4, but 1 for weak detail away from steps
     left = (curve.white - below) / (curve.white - curve.shoulder)
     shoulder_slope = np.clip(left**2, 0.4, 1.0)
     shown = below + shoulder_slope * (with_toe(raised) - with_toe(straight))
-    fine = inner * detail * np.exp(-((detail / 0.032) ** 2))
-    shown += max(0.9 - shoulder_slope, 0.0) * slope * curve.gain * fine
+    shown += (1.0 - shoulder_slope) * even * slope * curve.gain * weak
     shown = bent(max(shown, 0.0), 0.0, 0.85, 1.0)
     return part * shown * min(1.0, np.exp((raised - (curve.fat_grey - 0.4)) / 0.1))
 
