@@ -20,8 +20,6 @@ from mammosim.compression.hyperelastic._element_kernels import (
     CORNER_VOLUME,
     cross,
     determinant,
-    pack,
-    pack_moduli,
     squared,
     volume_penalty,
 )
@@ -210,13 +208,14 @@ def _add_pairs(hessian, signs, size, half, matrix):
 
 
 @contracting_kernel
-def _flush(matrix, gradient, bulk, count, i, j, first, stencil):
-    """Add elements' matrices and kappa g g^T to the stencils of their nodes.
+def _flush(matrix, gradient, bulk, start, count, i, j, first, stencil):
+    """Add the matrices and kappa g g^T of one row's elements to the stencils of their nodes.
 
+    They are `count` elements of a tile, from `start` on, and of a row, from `first` on.
     `matrix` is [pair, entry, element], pairs of nodes in the order (0, 0), (0, 1) .. (7, 7); g is
     the derivative of the elements' volume by their nodes.
     """
-    pair = 0
+    pair, begin = 0, np.uint64(start)
     for node in range(8):
         shift = np.uint64(first + node % 2)
         rows = stencil[i + node // 4, j + (node // 2) % 2]
@@ -226,7 +225,8 @@ def _flush(matrix, gradient, bulk, count, i, j, first, stencil):
                 target, own = rows[offset + entry], matrix[pair, entry]
                 left, right = gradient[3 * node + entry // 3], gradient[3 * other + entry % 3]
                 for k in range(np.uint64(0), np.uint64(count)):
-                    target[k + shift] += own[k] + bulk[k] * left[k] * right[k]
+                    n = begin + k
+                    target[k + shift] += own[n] + bulk[n] * left[n] * right[n]
             pair += 1
 
 
@@ -279,8 +279,8 @@ def _point_edges(columns, point, count, signs, edges, corner):
 
 
 @merged_kernel
-def _tile_tangent(columns, shear, bulk, rule, law, geometric, i, j, first, count, stencil):
-    """Assemble one tile of elements."""
+def _tile_tangent(columns, shear, bulk, rule, law, geometric, i, parts, number, count, stencil):
+    """Assemble one tile of elements, of `number` parts of rows."""
     edges, corner = np.zeros(9 * STRIDE, np.float32), np.zeros(9 * STRIDE, np.float32)
     hessian, gradient = np.zeros(81 * STRIDE, np.float32), np.zeros((24, STRIDE), np.float32)
     matrix, half = np.zeros((36, 9, STRIDE), np.float32), np.empty(27 * STRIDE, np.float32)
@@ -306,7 +306,22 @@ def _tile_tangent(columns, shear, bulk, rule, law, geometric, i, j, first, count
         _fill_transposed(hessian, XZ, ZX, count)
         _fill_transposed(hessian, YZ, ZY, count)
         _add_pairs(hessian, signs, 9 * STRIDE, half, matrix.reshape(324 * STRIDE))
-    _flush(matrix, gradient, mean_bulk, count, i, j, first, stencil)
+    for n in range(number):
+        start, size, j, first = parts[n, 0], parts[n, 1], parts[n, 2], parts[n, 3]
+        _flush(matrix, gradient, mean_bulk, start, size, i, j, first, stencil)
+
+
+@merged_kernel
+def _pack_part(u, shear, bulk, i, j, first, start, count, columns, moduli):
+    """Displacements and moduli of `count` elements of a row into a tile, from `start` on."""
+    begin, source = np.uint64(start), np.uint64(first)
+    for row in range(12):
+        own, target = u[row % 3, i + row // 6, j + (row // 3) % 2], columns[row]
+        for k in range(np.uint64(0), np.uint64(count + 1)):
+            target[begin + k] = own[source + k]
+    for k in range(count):
+        moduli[0, start + k] = shear[i, j, first + k]
+        moduli[1, start + k] = bulk[i, j, first + k]
 
 
 @alternating_kernel
@@ -314,16 +329,28 @@ def tangent_stencil(thread, u, shear, bulk, span, rule, law, geometric, out):
     """Tangent stiffness of all elements, added to the stencil `out`.
 
     `rule` and `law` are as in `energy_and_forces`. `geometric`, 0 to 1, scales the terms that may
-    make it indefinite.
+    make it indefinite. A tile takes rows, or parts of them, until it is full; between two rows is
+    a place without an element, whose moduli are 0.
     """
     for i in share(thread, 0, u.shape[1] - 1):
         columns = np.empty((12, STRIDE + 1), np.float32)
-        moduli = np.empty((2, STRIDE), np.float32)
-        for j in range(u.shape[2] - 1):
-            for first in range(span[i, j, 0], span[i, j, 1], STRIDE):
-                count = min(STRIDE, span[i, j, 1] - first)
-                pack(u, i, j, first, count, columns)
-                pack_moduli(shear, bulk, i, j, first, count, moduli)
+        moduli = np.zeros((2, STRIDE), np.float32)
+        parts, number, used = np.empty((STRIDE, 4), np.int64), 0, 0
+        for j in range(u.shape[2]):
+            # One turn more than there are rows: the last tile is worked on where they end.
+            first, last = (span[i, j, 0], span[i, j, 1]) if j < u.shape[2] - 1 else (0, 0)
+            while first < last or (j == u.shape[2] - 1 and number > 0):
+                count = min(STRIDE - used, last - first)
+                if count > 0:
+                    _pack_part(u, shear, bulk, i, j, first, used, count, columns, moduli)
+                    parts[number, 0], parts[number, 1] = used, count
+                    parts[number, 2], parts[number, 3] = j, first
+                    number, first, used = number + 1, first + count, used + count + 1
+                if used < STRIDE - 1 and j < u.shape[2] - 1:
+                    continue
                 _tile_tangent(
-                    columns, moduli[0], moduli[1], rule, law, geometric, i, j, first, count, out,
+                    columns, moduli[0], moduli[1], rule, law, geometric, i, parts, number,
+                    min(used, STRIDE), out,
                 )  # fmt: skip
+                moduli[:] = np.float32(0.0)
+                number = used = 0

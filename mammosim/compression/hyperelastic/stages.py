@@ -30,6 +30,10 @@ MIN_NODES = 300
 LOOSE = 0.02
 """Mean error, element edges, at which the state of a coarse body is good enough to refine."""
 
+SLOW = 1e-3
+"""Part of its energy by which a step must lower that of a body whose plates are to be sharpened:
+what moves later are single elements at the plates' edge, which move again then."""
+
 CLOSING_TOLERANCE = 0.05
 """Mean error, element edges, that is good enough while the plates still close."""
 
@@ -41,8 +45,8 @@ FOLDED, UNFOLDED = 0.05, 0.2
 """Smallest J of a start below which its elements are unfolded first, and at which that ends."""
 
 STEEP = 0.02
-"""`least_volume` with which the mesh is solved again where its equilibrium has a smaller J than its
-own: the law's barrier against folding, which a parabola replaced there, then acts further down."""
+"""`least_volume` of the mesh when its equilibrium is sought: the law's barrier against folding,
+which a parabola replaces below it, acts further down than in the bodies that are only starts."""
 
 EDGE_REACH = 4.0
 """Distance from the plates' edge, in units of its radius, within which the surface has several
@@ -129,6 +133,7 @@ class Stages:
             if np.count_nonzero(coarse.nodes) < MIN_NODES:
                 break
             self.bodies.append(coarse)
+        self._steep = replace(mesh.body, least_volume=STEEP)
         reach = EDGE_REACH * EDGE_RADIUS_MM
         near = np.array([edge_mm - reach, edge_mm + depth_mm + reach])
         self.points = [
@@ -214,14 +219,10 @@ class Stages:
         self, level: int, plates: Plates, u: NDArray[np.float64], before: Held, loose: bool
     ) -> State:
         """State of one of the bodies from a displacement near it; `loose`: to start others from."""
-        body = self.bodies[level]
         if loose or level > 0:
-            return self._equilibrium(body, level, plates, u, LOOSE, before)
-        state = self._equilibrium(body, level, plates, u, self.tolerance, before)
-        if not state.converged or state.value.smallest >= body.least_volume:
-            return state
-        steep = replace(body, least_volume=STEEP)
-        return self._equilibrium(steep, level, plates, state.u, self.tolerance, before)
+            body, slow = self.bodies[level], SLOW if loose else 0.0
+            return self._equilibrium(body, level, plates, u, LOOSE, before, slow)
+        return self._equilibrium(self._steep, level, plates, u, self.tolerance, before)
 
     def at_rest(self, plates: Plates) -> State:
         """The mesh before anything moves, between plates."""
@@ -238,6 +239,7 @@ class Stages:
         weightless.bodies = [
             replace(body, structure=replace(body.structure, mass=None)) for body in self.bodies
         ]
+        weightless._steep = replace(weightless.bodies[0], least_volume=STEEP)
         return weightless
 
     def _close(self, level: int, plates: Plates) -> State:
@@ -310,11 +312,14 @@ class Stages:
         u: NDArray[np.float64],
         tolerance: float,
         before: Held,
+        slow: float = 0.0,
     ) -> State:
         """State of one of the bodies from a displacement near it, with friction if there is any."""
 
         def minimised(u: NDArray[np.float64], contact: Contact) -> State:
-            return self._minimise(body, level, contact, plates.thickness_mm, u, tolerance)
+            return self._minimise(
+                body, level, contact, plates.thickness_mm, u, tolerance, slow=slow
+            )
 
         contact = self.contact(level, plates)
         if before.grip is None:
@@ -343,6 +348,7 @@ class Stages:
         u: NDArray[np.float64],
         tolerance: float,
         unfolded: float = np.inf,
+        slow: float = 0.0,
     ) -> State:
         edge = 2.0**level * float(self.mesh.nodes.spacing_mm[0])
 
@@ -359,7 +365,7 @@ class Stages:
 
         return minimise(
             body, contact, u, tolerance, self._workspace,
-            watch=watch, unfolded=unfolded,
+            watch=watch, unfolded=unfolded, slow=slow,
         )  # fmt: skip
 
 
