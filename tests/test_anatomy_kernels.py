@@ -142,7 +142,7 @@ def test_walls_fill_their_thickness_whatever_the_voxel(net):
     near = _net_kernels.new_near()
     near.place[0], near.place[1] = [0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.0]
     near.tag[:2] = 0.25
-    _net_kernels._pairs(near, 2, 10.0, np.eye(3))
+    _net_kernels._pairs(near, 2, 2, 10.0, np.eye(3))
     factor = near.pair[0, 1, 1]
     for voxel in (0.1, 0.2, 0.5, 1.0):
         x = np.arange(2.0 + 0.37 * voxel, 8.0, voxel)
@@ -209,7 +209,7 @@ def test_walls_join_in_fillets_whatever_the_voxel():
     near = _net_kernels.new_near()
     near.place[:3] = [[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 1.0]]
     near.tag[:3] = [0.6, 0.3, 0.3]
-    _net_kernels._pairs(near, 3, 10.0, np.eye(3))
+    _net_kernels._pairs(near, 3, 3, 10.0, np.eye(3))
     size = 4.0 * near.pair[0, 1, 1] * near.pair[0, 2, 1]
     assert 0.9 < size < 2.0
     for voxel in (0.02, 0.05):

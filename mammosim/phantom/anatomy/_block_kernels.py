@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mammosim._jit import kernel, merged_kernel
 from mammosim.phantom.anatomy._net_kernels import Near, Net, new_near
+from mammosim.phantom.anatomy._noise_kernels import MAX_CORNERS
 
 SKIN_DEPTH, MUSCLE_DEPTH, POTENTIAL, SEPTUM, SKIN_MM, NET, FIBRE = (
     np.intp(n) for n in (0, 1, 2, 3, 4, 5, 8)
@@ -85,9 +86,20 @@ ADIPOSE, SKIN, GLAND, NIPPLE, MUSCLE, LIGAMENT, EIGHTH, QUARTER, HALF = range(9)
 """Places in `Paint.labels`."""
 
 
+class Places(NamedTuple):
+    """Scratch of places of a block: where they are, where noise is looked up for them, its
+    gradients, and what the noise comes to."""
+
+    at_mm: NDArray[np.float64]
+    seen: NDArray[np.float64]
+    gradients: NDArray[np.float64]
+    noise: NDArray[np.float64]
+
+
 class Block(NamedTuple):
     """Scratch of one block: corners of each channel, its sub-grid, slope of the net's coordinates,
-    walls near it, a row's ends of each channel, and the planes of the sub-grid that are wanted."""
+    walls near it, a row's ends of each channel, the planes of the sub-grid that are wanted, and
+    places of it."""
 
     corner: NDArray[np.float64]
     sub: NDArray[np.float64]
@@ -98,6 +110,7 @@ class Block(NamedTuple):
     step: NDArray[np.float64]
     near: Near
     wanted: NDArray[np.bool_]
+    places: Places
 
 
 @kernel
@@ -106,6 +119,9 @@ def new_block() -> Block:
     return Block(
         np.empty((CHANNELS, 8)), np.empty((n, n, n)), np.empty(n), np.empty((3, 3)), np.empty(3),
         np.empty(CHANNELS), np.empty(CHANNELS), new_near(), np.zeros((3, n), np.bool_),
+        Places(
+            np.empty((n**3, 3)), np.empty((n**3, 3)), np.empty((MAX_CORNERS, 3)), np.empty(n**3)
+        ),
     )  # fmt: skip
 
 

@@ -25,8 +25,8 @@ is no cell), how strongly a fat lobule pushes gland aside, and a number by which
 ABSENT = -5.0
 """Far below all weights that cells have."""
 
-MAX_HOLDERS = 24
-"""Most cells that hold some place of one block."""
+LOOKED_AT = 125
+"""Cells of the lattice around one: two to each side."""
 
 ABSENT_WALLS, THIN_WALL, GROUP_WALL, MAX_WALL = 0.35, 0.2, 0.6, 2.5
 """Share of walls within a group that are missing, so that lobules run together; the least thickness
@@ -60,9 +60,12 @@ class Near(NamedTuple):
     """Cells of a net near a block: place and constant of each, fatness, tag, and pairs of them.
 
     `place` is (n, 4): x, y, z and |x|^2 - weight, so that q = place[3] - 2 x . place is smallest
-    for the cell that holds x. `pair` is (n, n, 2): by what a difference of q must be multiplied to
-    be a distance from their wall in mm, and the wall's thickness against the mean. `scale` is the
-    least of these factors of each cell, which bounds its distance from all walls.
+    for the cell that holds x. The first `holding` cells are those that hold a place of the block.
+    `pair` is (n, n, 2), known for these and all others: by what a difference of q must be
+    multiplied to be a distance from their wall in mm, and the wall's thickness against the mean.
+    `scale` is the least of these factors of each, which bounds its distance from all walls. The
+    rest is room for the cells that are looked at, by their place from the middle of the block, q
+    there, weight, fatness and tag; which of them hold a place; and which are kept.
     """
 
     place: NDArray[np.float64]
@@ -70,6 +73,10 @@ class Near(NamedTuple):
     tag: NDArray[np.float64]
     pair: NDArray[np.float64]
     scale: NDArray[np.float64]
+    holding: NDArray[np.int64]
+    around: NDArray[np.float64]
+    holder: NDArray[np.int64]
+    kept: NDArray[np.bool_]
 
 
 @kernel
@@ -78,6 +85,8 @@ def new_near() -> Near:
     return Near(
         np.empty((MAX_NEAR, 4)), np.empty(MAX_NEAR), np.empty(MAX_NEAR),
         np.empty((MAX_NEAR, MAX_NEAR, 2)), np.empty(MAX_NEAR),
+        np.zeros(1, np.int64), np.empty((LOOKED_AT, 7)), np.empty(LOOKED_AT, np.int64),
+        np.empty(LOOKED_AT, np.bool_),
     )  # fmt: skip
 
 
@@ -91,114 +100,101 @@ def gather(
     All in net coordinates, mm. A cell holds such a place only if its wall with the centre's cell
     comes within the radius; another cell comes within the reach of its walls there only if the
     wall between the two lies within radius and reach of the centre. `slope` is (3, 3): how net
-    coordinates change with the real ones. Returns how many there are; the first holds the centre.
+    coordinates change with the real ones. Returns how many there are; the first `near.holding` hold
+    such places, the very first the centre.
     """
     c = net.cell_mm
     x = (centre_mm[0] - net.origin_mm[0]) / c
     y = (centre_mm[1] - net.origin_mm[1]) / c
     z = (centre_mm[2] - net.origin_mm[2]) / c
     i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
-    seeds = net.seeds
-    best, bx, by, bz, bq = np.inf, 0.0, 0.0, 0.0, 0.0
-    i0, i1 = max(i - 2, 0), min(i + 3, seeds.shape[0])
-    j0, j1 = max(j - 2, 0), min(j + 3, seeds.shape[1])
-    k0, k1 = max(k - 2, 0), min(k + 3, seeds.shape[2])
-    for a in range(i0, i1):
-        for b in range(j0, j1):
-            for d in range(k0, k1):
-                if seeds[a, b, d, WEIGHT] < ABSENT:
+    seeds, around = net.seeds, near.around
+    best, first, count = np.inf, 0, 0
+    for a in range(max(i - 2, 0), min(i + 3, seeds.shape[0])):
+        for b in range(max(j - 2, 0), min(j + 3, seeds.shape[1])):
+            for d in range(max(k - 2, 0), min(k + 3, seeds.shape[2])):
+                seed = seeds[a, b, d]
+                if seed[WEIGHT] < ABSENT:
                     continue
-                px, py, pz = (
-                    a + seeds[a, b, d, X] - x,
-                    b + seeds[a, b, d, Y] - y,
-                    d + seeds[a, b, d, Z] - z,
-                )
-                q = px * px + py * py + pz * pz - seeds[a, b, d, WEIGHT]
+                px, py, pz = a + seed[X] - x, b + seed[Y] - y, d + seed[Z] - z
+                q = px * px + py * py + pz * pz - seed[WEIGHT]
+                around[count, 0], around[count, 1], around[count, 2] = px, py, pz
+                around[count, 3], around[count, 4] = q, seed[WEIGHT]
+                around[count, 5], around[count, 6] = seed[FATNESS], seed[TAG]
                 if q < best:
-                    best, bx, by, bz, bq = q, px, py, pz, seeds[a, b, d, TAG]
-                    near.fatness[0] = seeds[a, b, d, FATNESS]
-    if best == np.inf:
+                    best, first = q, count
+                count += 1
+    if count == 0:
         return 0
-    near.place[0, 0], near.place[0, 1], near.place[0, 2] = x + bx, y + by, z + bz
-    near.place[0, 3] = (
-        (x + bx) ** 2 + (y + by) ** 2 + (z + bz) ** 2 - (bx * bx + by * by + bz * bz - best)
-    )
-    near.tag[0] = bq
-    radius, far = radius_mm / c, (radius_mm + reach_mm) / c
-    holder = np.empty((MAX_HOLDERS, 4))
-    holder[0, 0], holder[0, 1], holder[0, 2], holder[0, 3] = bx, by, bz, best
-    holders = _holders(seeds, (i0, i1, j0, j1, k0, k1), (x, y, z), radius, holder)
-    n = 1
-    for a in range(i0, i1):
-        for b in range(j0, j1):
-            for d in range(k0, k1):
-                if seeds[a, b, d, WEIGHT] < ABSENT or n == MAX_NEAR:
-                    continue
-                px, py, pz = (
-                    a + seeds[a, b, d, X] - x,
-                    b + seeds[a, b, d, Y] - y,
-                    d + seeds[a, b, d, Z] - z,
-                )
-                q = px * px + py * py + pz * pz - seeds[a, b, d, WEIGHT]
-                if px == bx and py == by and pz == bz:
-                    continue
-                if not _comes_near(holder, holders, px, py, pz, q, far):
-                    continue
-                near.place[n, 0], near.place[n, 1], near.place[n, 2] = x + px, y + py, z + pz
-                near.place[n, 3] = (
-                    (x + px) ** 2 + (y + py) ** 2 + (z + pz) ** 2 - seeds[a, b, d, WEIGHT]
-                )
-                near.fatness[n], near.tag[n] = seeds[a, b, d, FATNESS], seeds[a, b, d, TAG]
-                n += 1
-    _pairs(near, n, c, slope)
+    # Rounding must not lose a cell whose wall a corner of the block lies on.
+    radius, far = 1.000001 * radius_mm / c, (radius_mm + reach_mm) / c
+    holders = _holders(near, count, first, radius)
+    n = 0
+    for h in range(holders):
+        _keep(near, near.holder[h], n, x, y, z)
+        n += 1
+    for m in range(count):
+        if n < MAX_NEAR and not near.kept[m] and _comes_near(near, holders, m, far):
+            _keep(near, m, n, x, y, z)
+            n += 1
+    near.holding[0] = holders
+    _pairs(near, holders, n, c, slope)
     return n
 
 
 @kernel
-def _holders(
-    seeds: NDArray[np.float32], box: tuple[int, int, int, int, int, int],
-    at: tuple[float, float, float], radius: float, holder: NDArray[np.float64],
-) -> int:  # fmt: skip
-    """Cells that may hold a place within a radius of a place: where from it, and q there.
+def _keep(near: Near, m: int, n: int, x: float, y: float, z: float) -> None:
+    """Make a cell of `around` the n-th that is near."""
+    around, place = near.around, near.place
+    place[n, 0], place[n, 1], place[n, 2] = x + around[m, 0], y + around[m, 1], z + around[m, 2]
+    squared = place[n, 0] ** 2 + place[n, 1] ** 2 + place[n, 2] ** 2
+    place[n, 3] = squared - around[m, 4]
+    near.fatness[n], near.tag[n] = around[m, 5], around[m, 6]
+    near.kept[m] = True
 
-    The first is known. Lengths are in lattice cells.
-    """
-    n = 1
-    bx, by, bz, best = holder[0, 0], holder[0, 1], holder[0, 2], holder[0, 3]
-    for a in range(box[0], box[1]):
-        for b in range(box[2], box[3]):
-            for d in range(box[4], box[5]):
-                if seeds[a, b, d, WEIGHT] < ABSENT or n == MAX_HOLDERS:
-                    continue
-                px = a + seeds[a, b, d, X] - at[0]
-                py = b + seeds[a, b, d, Y] - at[1]
-                pz = d + seeds[a, b, d, Z] - at[2]
-                apart = np.sqrt((px - bx) ** 2 + (py - by) ** 2 + (pz - bz) ** 2)
-                q = px * px + py * py + pz * pz - seeds[a, b, d, WEIGHT]
-                if apart > 0.0 and q - best <= 2.0 * apart * radius:
-                    holder[n, 0], holder[n, 1], holder[n, 2], holder[n, 3] = px, py, pz, q
-                    n += 1
+
+@kernel
+def _holders(near: Near, count: int, first: int, radius: float) -> int:
+    """Cells around that may hold a place within a radius, lattice cells; how many, the holder of
+    the middle first."""
+    around, holder = near.around, near.holder
+    holder[0], n = first, 1
+    for m in range(count):
+        near.kept[m] = False
+        further = around[m, 3] - around[first, 3]
+        if m != first and n < MAX_NEAR and further <= 2.0 * radius * _apart(around, m, first):
+            holder[n] = m
+            n += 1
     return n
 
 
 @kernel
-def _comes_near(
-    holder: NDArray[np.float64], holders: int, x: float, y: float, z: float, q: float, far: float
-) -> bool:
+def _apart(around: NDArray[np.float64], m: int, n: int) -> float:
+    x, y = around[m, 0] - around[n, 0], around[m, 1] - around[n, 1]
+    z = around[m, 2] - around[n, 2]
+    return np.sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def _comes_near(near: Near, holders: int, m: int, far: float) -> bool:
     """Whether a cell's wall with one of the holders comes as near as `far`, in lattice cells."""
-    for n in range(holders):
-        squared = (x - holder[n, 0]) ** 2 + (y - holder[n, 1]) ** 2 + (z - holder[n, 2]) ** 2
-        if q - holder[n, 3] <= 2.0 * np.sqrt(squared) * far:
+    around = near.around
+    for h in range(holders):
+        n = near.holder[h]
+        further = around[m, 3] - around[n, 3]
+        if further <= 0.0 or further <= 2.0 * far * _apart(around, m, n):
             return True
     return False
 
 
 @kernel
-def _pairs(near: Near, n: int, cell_mm: float, slope: NDArray[np.float64]) -> None:
-    """Scale of distance and thickness of the wall between each two of the gathered cells."""
-    for a in range(n):
+def _pairs(near: Near, holders: int, n: int, cell_mm: float, slope: NDArray[np.float64]) -> None:
+    """Scale of distance and thickness of the wall between each holder and the gathered cells."""
+    for a in range(holders):
         near.scale[a] = np.inf
-        for b in range(a):
+        for b in range(n):
+            if a == b:
+                continue
             dx = near.place[b, 0] - near.place[a, 0]
             dy = near.place[b, 1] - near.place[a, 1]
             dz = near.place[b, 2] - near.place[a, 2]
@@ -207,10 +203,9 @@ def _pairs(near: Near, n: int, cell_mm: float, slope: NDArray[np.float64]) -> No
             gz = slope[0, 2] * dx + slope[1, 2] * dy + slope[2, 2] * dz
             # The difference of q changes by twice this a real mm, once in cells.
             steep = np.sqrt(gx * gx + gy * gy + gz * gz)
-            near.pair[a, b, 0] = near.pair[b, a, 0] = 0.5 * cell_mm / max(steep, 1e-9)
+            near.pair[a, b, 0] = 0.5 * cell_mm / max(steep, 1e-9)
             near.scale[a] = min(near.scale[a], near.pair[a, b, 0])
-            near.scale[b] = min(near.scale[b], near.pair[a, b, 0])
-            near.pair[a, b, 1] = near.pair[b, a, 1] = _wall_strength(near.tag[a], near.tag[b])
+            near.pair[a, b, 1] = _wall_strength(near.tag[a], near.tag[b])
 
 
 @kernel
@@ -246,21 +241,6 @@ def _wall_strength(one: float, other: float) -> float:
 
 
 @merged_kernel
-def _holding_cell(
-    place: NDArray[np.float64], n: int, x: float, y: float, z: float
-) -> tuple[int, float, float]:
-    """Which of the cells holds a point of the lattice, its q there (see `Near`) and the next q."""
-    inside, least, second = 0, np.inf, np.inf
-    for a in range(n):
-        q = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
-        if q < least:
-            inside, least, second = a, q, least
-        elif q < second:
-            second = q
-    return inside, least, second
-
-
-@merged_kernel
 def wall_distance(
     near: Near, n: int, x: float, y: float, z: float, rounding_mm: float
 ) -> tuple[float, int]:
@@ -271,10 +251,12 @@ def wall_distance(
     distance above `ROUNDING_REACH` roundings counts, so that cells farther away need not be known.
     """
     place, pair = near.place, near.pair
-    inside, least, after = _holding_cell(place, n, x, y, z)
+    inside, least = 0, np.inf
+    for a in range(near.holding[0]):
+        q = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
+        if q < least:
+            inside, least = a, q
     far = ROUNDING_REACH * rounding_mm
-    if (after - least) * near.scale[inside] >= far:
-        return far - 0.25 * rounding_mm, inside
     gap, second = far, far
     for b in range(n):
         if b != inside:

@@ -19,6 +19,7 @@ from mammosim.phantom.anatomy._block_kernels import (
     Block,
     Lattice,
     Paint,
+    Places,
     Texture,
     load_corners,
     new_block,
@@ -35,7 +36,7 @@ from mammosim.phantom.anatomy._net_kernels import (
     wall_distance,
     wall_reach,
 )
-from mammosim.phantom.anatomy._noise_kernels import gradient_noise, lattice_hash
+from mammosim.phantom.anatomy._noise_kernels import add_noise, lattice_hash
 from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut
 
 NOT_COUNTED, UNDECIDED, TUBE, VESSEL, IN_MUSCLE = 0, 1, 2, 3, 4
@@ -53,25 +54,35 @@ BORDER_MM = 1.1
 Chosen by eye."""
 
 
-@merged_kernel
-def strands(texture: Texture, x: float, y: float, z: float) -> float:
-    """Strands towards the nipple and isotropic grain, within the noise's limit."""
-    total = 0.0
-    dx, dy, dz = texture.apex_mm[0] - x, y - texture.apex_mm[1], z - texture.apex_mm[2]
-    r = np.sqrt(dx * dx + dy * dy + dz * dz) + 1.0
-    along = np.log(r) / 3.0
+@kernel
+def strands(texture: Texture, places: Places, count: int) -> None:
+    """Strands towards the nipple and isotropic grain at places, within the noise's limit."""
+    at_mm, seen, noise = places.at_mm, places.seen, places.noise
+    noise[:count] = 0.0
     for octave in range(texture.fan_amplitude.size):
         # Strands run towards the nipple: noise in direction and, three times slower, distance.
         per = texture.fan_per_radian[octave]
-        total += texture.fan_amplitude[octave] * gradient_noise(
-            along * per, dy / r * per, dz / r * per, texture.key + octave
-        )
+        for n in range(count):
+            dx = texture.apex_mm[0] - at_mm[n, 0]
+            dy, dz = at_mm[n, 1] - texture.apex_mm[1], at_mm[n, 2] - texture.apex_mm[2]
+            r = np.sqrt(dx * dx + dy * dy + dz * dz) + 1.0
+            along = np.log(r) / 3.0
+            seen[n, 0], seen[n, 1], seen[n, 2] = along * per, dy / r * per, dz / r * per
+        add_noise(
+            seen, count, texture.key + octave, texture.fan_amplitude[octave], places.gradients,
+            noise,
+        )  # fmt: skip
     for octave in range(texture.grain_amplitude.size):
         s = 1.0 / texture.grain_mm[octave]
-        total += texture.grain_amplitude[octave] * gradient_noise(
-            x * s, y * s, z * s, texture.key + 64 + octave
-        )
-    return min(max(total, -texture.noise_limit), texture.noise_limit)
+        for n in range(count):
+            for axis in range(3):
+                seen[n, axis] = at_mm[n, axis] * s
+        add_noise(
+            seen, count, texture.key + 64 + octave, texture.grain_amplitude[octave],
+            places.gradients, noise,
+        )  # fmt: skip
+    for n in range(count):
+        noise[n] = min(max(noise[n], -texture.noise_limit), texture.noise_limit)
 
 
 @kernel
@@ -110,15 +121,11 @@ def _stretch(slope: NDArray[np.float64]) -> float:
 
 @merged_kernel
 def potential_at(
-    texture: Texture, block: Block, n: int, at: NDArray[np.float64], origin: NDArray[np.float64],
-    coarse_mm: float,
-) -> float:  # fmt: skip
+    texture: Texture, block: Block, n: int, at: NDArray[np.float64], noise: float
+) -> float:
     """Full potential at a place (u, v, w) of a block whose walls have been gathered."""
     u, v, w = at[0], at[1], at[2]
-    total = trilinear(block.corner, POTENTIAL, u, v, w)
-    total += strands(
-        texture, origin[0] + u * coarse_mm, origin[1] + v * coarse_mm, origin[2] + w * coarse_mm
-    )
+    total = trilinear(block.corner, POTENTIAL, u, v, w) + noise
     p = trilinear(block.corner, NET, u, v, w)
     q = trilinear(block.corner, NET + 1, u, v, w)
     r = trilinear(block.corner, NET + 2, u, v, w)
@@ -207,10 +214,22 @@ def _sub_cell(
         at[axis] = (block.low[axis] + 0.5) / SUB_STEPS
     n = gather_lobules(texture, block, h, False, at)
     for corner in range(8):
-        at[0] = (block.low[0] + (corner >> 2)) / SUB_STEPS
-        at[1] = (block.low[1] + ((corner >> 1) & 1)) / SUB_STEPS
-        at[2] = (block.low[2] + (corner & 1)) / SUB_STEPS
-        block.corner[SEPTUM, corner] = potential_at(texture, block, n, at, origin, h)
+        _corner_of_sub_cell(block, corner, at)
+        for axis in range(3):
+            block.places.at_mm[corner, axis] = origin[axis] + at[axis] * h
+    strands(texture, block.places, 8)
+    for corner in range(8):
+        _corner_of_sub_cell(block, corner, at)
+        noise = block.places.noise[corner]
+        block.corner[SEPTUM, corner] = potential_at(texture, block, n, at, noise)
+
+
+@kernel
+def _corner_of_sub_cell(block: Block, corner: int, at: NDArray[np.float64]) -> None:
+    """Where in a block (u, v, w) a corner lies of the cell of its sub-grid at `low`."""
+    at[0] = (block.low[0] + (corner >> 2)) / SUB_STEPS
+    at[1] = (block.low[1] + ((corner >> 1) & 1)) / SUB_STEPS
+    at[2] = (block.low[2] + (corner & 1)) / SUB_STEPS
 
 
 @kernel
@@ -250,23 +269,48 @@ def decide_gland(
     grain = 128.0 * texture.tile_scale
     if only_muscle or highest + texture.noise_limit + grain <= paint.threshold:
         return 0
-    n = gather_lobules(texture, block, h, True, block.centre)
-    pull = texture.lobule_amplitude * _strongest(block.near, n)
-    if lowest - texture.noise_limit - pull > paint.threshold + texture.gland_cap:
-        return 2
+    n = -1  # lobules are not gathered yet, and noise alone may decide
+    if lowest - texture.noise_limit > paint.threshold + texture.gland_cap:
+        n = gather_lobules(texture, block, h, True, block.centre)
+        pull = texture.lobule_amplitude * _strongest(block.near, n)
+        if lowest - texture.noise_limit - pull > paint.threshold + texture.gland_cap:
+            return 2
+    count = _place_sub_grid(block, origin, h)
+    noise = block.places.noise
+    strands(texture, block.places, count)
+    if highest + noise[:count].max() + grain <= paint.threshold:
+        return 0
+    if n < 0:
+        n = gather_lobules(texture, block, h, True, block.centre)
     at, some, all_of_it = np.empty(3), False, True
-    wanted = block.wanted
+    wanted, count = block.wanted, 0
     for a in range(SUB_STEPS + 1):
         for b in range(SUB_STEPS + 1):
             for c in range(SUB_STEPS + 1):
                 if not (wanted[0, a] and wanted[1, b] and wanted[2, c]):
                     continue
                 at[0], at[1], at[2] = a / SUB_STEPS, b / SUB_STEPS, c / SUB_STEPS
-                value = potential_at(texture, block, n, at, origin, h) - paint.threshold
+                value = potential_at(texture, block, n, at, noise[count]) - paint.threshold
+                count += 1
                 block.sub[a, b, c] = value
                 some = some or value > -grain
                 all_of_it = all_of_it and value >= texture.gland_cap
     return (2 if all_of_it else 1) if some else 0
+
+
+@kernel
+def _place_sub_grid(block: Block, origin: NDArray[np.float64], h: float) -> int:
+    """Places of a block's sub-grid that are wanted, in generator coordinates; how many."""
+    wanted, at_mm, step, count = block.wanted, block.places.at_mm, h / SUB_STEPS, 0
+    for a in range(SUB_STEPS + 1):
+        for b in range(SUB_STEPS + 1):
+            for c in range(SUB_STEPS + 1):
+                if wanted[0, a] and wanted[1, b] and wanted[2, c]:
+                    at_mm[count, 0] = origin[0] + a * step
+                    at_mm[count, 1] = origin[1] + b * step
+                    at_mm[count, 2] = origin[2] + c * step
+                    count += 1
+    return count
 
 
 @kernel
