@@ -48,7 +48,7 @@ EDGE_RISE_MM = 0.9
 misses the outermost millimetre, so that the skin line rises over about that, as it does on clinical
 images (0.55 to 1.65 mm)."""
 
-PROFILE_SIGMA_MM = 0.8
+PROFILE_SIGMA_MM = 0.7
 """The profile of fat is smoothed by this before it is compensated, as scanners' estimates of the
 thickness are: just inside the edge a little too much is added, and too little at it. Twice as much
 widens the skin line by half a millimetre."""

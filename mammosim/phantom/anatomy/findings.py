@@ -26,6 +26,9 @@ NODE_MM, NODE_LONG = (2.5, 5.5), (1.2, 2.2)
 """Half the width of a node, mm, and its length against it: nodes of up to about a centimetre in
 width are normal. Assumed."""
 
+SPREAD = 1.2207440846057596
+"""Root of g^4 = g + 1: the multiples of its inverse powers spread evenly in three dimensions."""
+
 PLAQUES, FREE_SHARE, PLAQUE_MM, PLAQUE_SPREAD = 3.0, 0.35, 0.35, 0.6
 """Mean number of plaques per piece of a calcified artery, share of pieces without any, and half a
 plaque's length: median, mm, and spread of its logarithm. Chosen by eye: tracks are broken, and
@@ -146,9 +149,11 @@ def paint_findings(
     labels: NDArray[np.uint8],
     lattice: Lattice,
     findings: list[Ball | Fold],
-    rng: np.random.Generator,
 ) -> None:
-    """Paint findings; a partly filled voxel is decided by lot, so that the mean is right."""
+    """Paint findings; a partly filled voxel is filled or not, so that the mean is right.
+
+    Which are filled is spread evenly: plaques thinner than a voxel would else fall into stripes.
+    """
     axes = (lattice.x_mm, lattice.lateral_mm, lattice.superior_mm)
     voxel = float(axes[0][1] - axes[0][0])
     for one in findings:
@@ -169,7 +174,19 @@ def paint_findings(
             fill = _fold_fill(one, grid, voxel)
             allowed = part != 0
             label = TISSUES["skin"].label
-        part[allowed & (rng.random(fill.shape) < fill)] = label
+        part[allowed & (_even_lots(box) < fill)] = label
+
+
+def _even_lots(box: tuple[slice, ...]) -> NDArray[np.float64]:
+    """Number from 0 to 1 of each voxel in a box: of few voxels in any row, evenly spread.
+
+    The additive sequence of the plastic number's counterpart in three dimensions, the root of
+    g^4 = g + 1.
+    """
+    steps = [SPREAD ** -(axis + 1) * np.arange(p.start, p.stop) for axis, p in enumerate(box)]
+    along, across, up = np.ix_(*steps)
+    lots: NDArray[np.float64] = (along + across + up) % 1.0
+    return lots
 
 
 def _allowed(into: tuple[str, ...], part: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -175,7 +175,7 @@ def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastP
         threshold=_threshold(labels, lattice, texture, paint, settings.target_percent)
     )
     paint_tissue(_dealt(lattice.x_start.size - 1), labels, lattice, texture, paint)
-    paint_findings(labels, lattice, anatomy.findings, np.random.default_rng([seed, 5]))
+    paint_findings(labels, lattice, anatomy.findings)
     skin = float(anatomy.fields[..., SKIN_MM].mean())
     return phantom_of(labels, lattice, anatomy.body, settings, seed, laterality, skin)
 
