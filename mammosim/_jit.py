@@ -177,8 +177,9 @@ def _threaded(
 
     @wraps(compiled)
     def run(*arguments: Any, **named: Any) -> list[Any]:
-        enough = _bytes_of((*arguments, *named.values())) > smallest_bytes
-        threads = numba.get_num_threads() if enough and not numba.config.DISABLE_JIT else 1
+        threads = 1 if numba.config.DISABLE_JIT else numba.get_num_threads()
+        if threads == 1 or _bytes_of(arguments, named) <= smallest_bytes:
+            return [compiled((0, 1, due, step), *arguments, **named) for due in range(step)]
         returned: list[Any] = []
         for due in range(step):
             others = [
@@ -195,8 +196,12 @@ def _threaded(
     return run
 
 
-def _bytes_of(arguments: tuple[Any, ...]) -> int:
-    return sum(part.nbytes for part in arguments if isinstance(part, np.ndarray))
+def _bytes_of(arguments: tuple[Any, ...], named: dict[str, Any]) -> int:
+    total = 0
+    for part in (*arguments, *named.values()):
+        if isinstance(part, np.ndarray):
+            total += part.nbytes
+    return total
 
 
 @cache
