@@ -121,7 +121,7 @@ def _full_potential(texture, corners, node, place, coarse_mm):
 
 
 def grain(texture, origin_mm, coarse_mm, point_mm):
-    """The finest noise at a point of gland: the tile's cell at its net coordinates, fanned out."""
+    """The finest noise at a point of gland: the tile's cell at its net coordinates."""
     at = (np.asarray(point_mm) - origin_mm) / coarse_mm
     block = np.floor(at).astype(int)
     corners = texture.fields[tuple(slice(n, n + 2) for n in block)].astype(float)
@@ -130,8 +130,7 @@ def grain(texture, origin_mm, coarse_mm, point_mm):
         for c in itertools.product((0, 1), repeat=3)
     ]
     bent = np.tensordot(weights, corners.reshape(8, -1), axes=1)[5:8]
-    fan = 56.0 / max(bent[0] + 6.0, 6.0)
-    cell = np.floor(5.0 * bent * [0.45, fan, fan]).astype(int) % 128
+    cell = np.floor(3.3 * bent).astype(int) % 128
     return texture.tile_scale * texture.grain_tile[tuple(cell)]
 
 

@@ -43,9 +43,10 @@ class Texture(NamedTuple):
     """Everything that decides the fine structure.
 
     `fields` is (x, lateral, superior, channel); `lobules` is the net of fat lobules, `bundles` that
-    of the muscle's; amplitudes are in units of the potential. Gland
-    is where the potential above the threshold, at most `gland_cap`, and the tile's noise are
-    positive together; fat streaks of muscle are where that noise exceeds `muscle_streaks`.
+    of the muscle's; amplitudes are in units of the potential. Lobes of gland raise the potential
+    by at most `gland_push`. Gland is where the potential above the threshold, at most `gland_cap`,
+    and the tile's noise are positive together; fat streaks of muscle are where that noise exceeds
+    `muscle_streaks`.
     """
 
     fields: NDArray[np.float32]
@@ -59,6 +60,7 @@ class Texture(NamedTuple):
     noise_limit: float
     lobule_mm: float
     lobule_amplitude: float
+    gland_push: float
     grain_tile: NDArray[np.int8]
     tile_scale: float
     gland_cap: float

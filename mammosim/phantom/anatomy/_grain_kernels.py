@@ -13,12 +13,9 @@ TILE = 128
 ALONG = 0.7
 """Scale of the tile's first axis, along which structure is longer by its inverse, in muscle."""
 
-FAN_ALONG = 0.45
-"""The same in gland, along the way to the nipple. Chosen by eye on projections."""
-
-FAN_MM, FAN_APEX_MM = 50.0, 6.0
-"""Distance from the nipple at which gland's structure has the tile's size across, and how far in
-front of the origin of the net's coordinates it converges, mm."""
+GLAND_PER_MM = 3.3
+"""Cells of the tile per millimetre of net coordinates in gland: wavelengths of 0.75 to 6 mm, half
+as much again along the direction in which plates press. Chosen by eye on projections."""
 
 UNEVEN, UNEVEN_PER, MOST_UNEVEN = 1.8, 0.35, 1.7
 """Thickness of walls: change per unit of the tile's noise, which is stretched by the inverse of the
@@ -43,10 +40,9 @@ def wall_unevenness(tile: NDArray[np.int8], scale: float, p: float, q: float, r:
 
 
 @merged_kernel
-def fan_grain_at(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float) -> float:
-    """As `grain_at`, for gland, whose structure fans out from the nipple: bundles and sheets."""
-    fan = 5.0 * (FAN_MM + FAN_APEX_MM) / max(p + FAN_APEX_MM, FAN_APEX_MM)
-    a = int(p * (5.0 * FAN_ALONG) + 65536.0) & (TILE - 1)
-    b = int(q * fan + 65536.0) & (TILE - 1)
-    c = int(r * fan + 65536.0) & (TILE - 1)
+def gland_grain_at(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float) -> float:
+    """As `grain_at`, for gland, whose structure is coarser and has no direction."""
+    a = int(p * GLAND_PER_MM + 65536.0) & (TILE - 1)
+    b = int(q * GLAND_PER_MM + 65536.0) & (TILE - 1)
+    c = int(r * GLAND_PER_MM + 65536.0) & (TILE - 1)
     return scale * tile[a, b, c]

@@ -26,7 +26,7 @@ from mammosim.phantom.anatomy._block_kernels import (
     trilinear,
 )
 from mammosim.phantom.anatomy._fill_kernels import fill_of
-from mammosim.phantom.anatomy._grain_kernels import MOST_UNEVEN, fan_grain_at
+from mammosim.phantom.anatomy._grain_kernels import MOST_UNEVEN, gland_grain_at
 from mammosim.phantom.anatomy._net_kernels import (
     ROUNDING_REACH,
     Near,
@@ -192,7 +192,7 @@ def sample_potential(
                     value = trilinear(
                         block.corner, SEPTUM, block.centre[0], block.centre[1], block.centre[2]
                     )
-                    grain = fan_grain_at(
+                    grain = gland_grain_at(
                         texture.grain_tile, texture.tile_scale,
                         trilinear(block.corner, NET, at[0], at[1], at[2]),
                         trilinear(block.corner, NET + 1, at[0], at[1], at[2]),
@@ -267,7 +267,8 @@ def decide_gland(
     sub-grid filled."""
     lowest, highest = block.corner[POTENTIAL].min(), block.corner[POTENTIAL].max()
     grain = 128.0 * texture.tile_scale
-    if only_muscle or highest + texture.noise_limit + grain <= paint.threshold:
+    most = highest + texture.noise_limit + grain + texture.gland_push
+    if only_muscle or most <= paint.threshold:
         return 0
     n = -1  # lobules are not gathered yet, and noise alone may decide
     if lowest - texture.noise_limit > paint.threshold + texture.gland_cap:

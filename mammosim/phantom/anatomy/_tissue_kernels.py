@@ -38,7 +38,7 @@ from mammosim.phantom.anatomy._block_kernels import (
 from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
 from mammosim.phantom.anatomy._grain_kernels import (
     MOST_UNEVEN,
-    fan_grain_at,
+    gland_grain_at,
     grain_at,
     wall_unevenness,
 )
@@ -237,7 +237,7 @@ def _fill_block(
                 r = low[net_at + 2] + w * step[net_at + 2]
                 if gland > 0 and not in_muscle:
                     above = min(on_sub_row(sub_row, w), cap) if gland == 1 else cap
-                    if above + fan_grain_at(tile, tile_scale, p, q, r) > 0.0:
+                    if above + gland_grain_at(tile, tile_scale, p, q, r) > 0.0:
                         labels[i, j, k] = name[GLAND]
                         continue
                 fill = held

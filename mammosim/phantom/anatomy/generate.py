@@ -35,6 +35,7 @@ from mammosim.phantom.anatomy.findings import Ball, Fold, Site, draw_findings, p
 from mammosim.phantom.anatomy.keys import OtherGenerateKeys
 from mammosim.phantom.anatomy.lobules import (
     FINE_MM,
+    GLANDULAR,
     LOBULE_MM,
     draw_net,
     lobule_coordinates,
@@ -61,22 +62,22 @@ from mammosim.phantom.anatomy.tubes import Tubes, gather_tubes
 from mammosim.phantom.anatomy.vessels import grow_vessels
 from mammosim.phantom.breast import BreastPhantom
 
-FAN_SHARE, FAN_PER_RADIAN = (0.46, 0.34, 0.24), (6.0, 14.0, 32.0)
+FAN_SHARE, FAN_PER_RADIAN = (0.30, 0.20), (6.0, 14.0)
 """Strands: relative amplitude, and waves per radian seen from behind the nipple."""
 
 GRAIN_AMPLITUDE, GRAIN_MM = (0.14, 0.16), (5.0, 2.0)
 """Isotropic detail, by amplitude and wavelength, until projections have the exponent of
 mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 2003, Proc SPIE 5034)."""
 
-NOISE_LIMIT = 1.5
+NOISE_LIMIT = 0.9
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
 FINE_AMPLITUDE, FINE_LIMIT = 0.40, 2.6
 """Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
 deviations. Chosen by eye."""
 
-GLAND_CAP = 0.42
-"""The potential above the threshold counts for no more: holes of fat, a seventh of the volume, stay
+GLAND_CAP = 0.5
+"""The potential above the threshold counts for no more: holes of fat, a ninth of the volume, stay
 within compact gland. Chosen by eye."""
 
 MUSCLE_STREAKS = 1.3
@@ -228,6 +229,7 @@ def _texture(anatomy: _Anatomy, seed: int) -> Texture:
         np.array([anatomy.body.outline.shape.depth_mm + 5.0, 0.0, 0.0]),
         kind.strands * np.array(FAN_SHARE), np.array(FAN_PER_RADIAN),
         np.array(GRAIN_AMPLITUDE), np.array(GRAIN_MM), NOISE_LIMIT, kind.lobule_mm, kind.lobules,
+        -GLANDULAR * kind.lobules,
         anatomy.tile, FINE_AMPLITUDE * FINE_LIMIT / 127.0, GLAND_CAP,
         FINE_AMPLITUDE * MUSCLE_STREAKS,
         seed & 0xFFFFFF,

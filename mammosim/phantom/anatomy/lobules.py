@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from mammosim.geometry import VoxelFrame
@@ -42,14 +43,23 @@ ABSENT_SHARE, WEIGHT = 0.12, 0.34
 """Share of the lattice cells without a lobule, and spread of the weights, cells squared: both make
 lobules unequal. Chosen by eye."""
 
-GROUP_UNEVEN, CELL_UNEVEN = 0.5, 1.3
-"""Spread by which groups and single cells differ in what decides whether they are gland, in units
-of the potential. Chosen by eye."""
+COLUMN_UNEVEN, CELL_UNEVEN = 2.0, 0.5
+"""Spread by which columns of cells and single cells differ in what decides whether they are gland,
+in units of the potential. Chosen by eye."""
+
+COLUMN_CELLS, COLUMN_WIDTH = 1.6, 0.3
+"""Lengths over which cells of a column are alike, along the direction in which plates press and
+across, in cells: fat lobules interrupt the plate of gland through its whole thickness, so that a
+mammogram shows them dark. Chosen by eye."""
 
 FATNESS = (0.8, 1.5)
 """How strongly fat lobules push gland aside. Chosen by eye."""
 
-YIELDS, YIELDS_MM = 0.4, 35.0
+GLANDULAR = -0.45
+"""The same of lobes of gland, which are gland whatever the potential is within some limits: their
+borders are sharp. Chosen by eye."""
+
+YIELDS, YIELDS_MM = 0.6, 25.0
 """Fat lobules right behind the nipple push gland aside by no more than this part, and fully from
 this distance in the net's coordinates, mm: fibrous tissue keeps to the ducts there. Chosen by
 eye."""
@@ -118,7 +128,7 @@ def settle_gland(
     Parameters
     ----------
     net : Net
-        Fatness of the chosen cells becomes 0.
+        Fatness of the chosen cells becomes `GLANDULAR`.
     coordinates_mm : list of three ndarray
         Coordinates of the net on the coarse grid, mm.
     potential : ndarray
@@ -138,25 +148,30 @@ def settle_gland(
     """
     seeds = net.seeds
     present = np.argwhere(seeds[..., 3] >= ABSENT)
-    rows = seeds[tuple(present.T)]
     points = np.stack([part[breast] for part in coordinates_mm], axis=-1)
     points = (points - net.origin_mm) / net.cell_mm
-    cell = cKDTree(present + rows[:, :3]).query(points)[1]
+    cell = cKDTree(present + seeds[(*present.T, slice(3))]).query(points)[1]
     values = potential[breast]
     volume = np.bincount(cell, minlength=len(present))
     score = np.bincount(cell, values, len(present)) / np.maximum(volume, 1)
-    group = np.floor(rows[:, 5]).astype(int)
-    score += GROUP_UNEVEN * rng.standard_normal(MOST_GROUPS)[group]
+    score += COLUMN_UNEVEN * _columns(seeds.shape[:3], rng)[tuple(present.T)]
     score += CELL_UNEVEN * rng.standard_normal(len(present))
     order = np.argsort(-np.where(volume > 0, score, -np.inf))
     taken = np.cumsum(volume[order]) <= cells * share * len(values)
-    behind = net.origin_mm[0] + net.cell_mm * (present[:, 0] + rows[:, 0])
+    behind = net.origin_mm[0] + net.cell_mm * (present[:, 0] + seeds[(*present.T, 0)])
     seeds[(*present.T, 4)] *= np.clip(behind / YIELDS_MM, YIELDS, 1.0)
-    seeds[(*present[order[taken]].T, 4)] = 0.0
+    seeds[(*present[order[taken]].T, 4)] = GLANDULAR
     knee = np.quantile(values, max(1.0 - STEEP_CELLS * share, 0.0))
     above = potential - knee
     flattened: NDArray[np.float64] = knee + np.minimum(above, FLAT * above)
     return flattened
+
+
+def _columns(shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float64]:
+    """Noise of variance 1 over a net's cells that changes slowly along its last axis."""
+    widths = (COLUMN_WIDTH, COLUMN_WIDTH, COLUMN_CELLS)
+    noise = ndimage.gaussian_filter(rng.standard_normal(shape), widths, mode="wrap")
+    return noise / noise.std()
 
 
 def across_and_pressed(

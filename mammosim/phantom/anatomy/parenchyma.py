@@ -72,12 +72,12 @@ class Parenchyma:
 
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
-        "fatty": Parenchyma(12.0, 40.0, 14.0, 5.0, 2.4, 0.85, 2.8, 2.6, 0.25, 0.2, 4.2, 0.6),
-        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 2.4, 0.75, 2.6, 2.6, 0.25, 0.25, 2.8, 1.3),
+        "fatty": Parenchyma(12.0, 40.0, 9.0, 5.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.16, 2.6, 0.6),
+        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.2, 2.0, 0.8),
         "heterogeneous": Parenchyma(
-            8.5, 58.0, 32.0, 7.0, 2.4, 0.85, 3.0, 2.6, 0.25, 0.32, 2.4, 1.6
+            9.0, 58.0, 32.0, 7.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.28, 1.7, 0.85
         ),
-        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 2.6, 0.55, 2.8, 2.6, 0.25, 0.5, 1.9, 1.4),
+        "dense": Parenchyma(6.5, 70.0, 42.0, 8.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.45, 1.7, 0.85),
     }
 )
 """Chosen by eye on projections, so that each class looks like mammograms of its BI-RADS letter;
@@ -110,7 +110,7 @@ OUTSIDE, WITHIN = 2.0, 0.35
 """Slope of the potential outside and within the region of gland, against that of the room.
 Chosen by eye."""
 
-AHEAD, AHEAD_SHARE = 0.7, 0.55
+AHEAD, AHEAD_SHARE = 1.6, 0.6
 """Amplitude of the preference of gland for the front of the breast, and the distance from the
 nipple at which there is none, against the breast's depth. Chosen by eye."""
 
