@@ -181,7 +181,7 @@ def test_gland_lies_under_fat_and_before_the_muscle(scattered):
     assert np.percentile(beneath[gland & ~retroareolar], 5) > 5.0
     assert gland[retroareolar].any()
     behind = ndimage.binary_dilation(labels == LABEL["muscle"], iterations=4)
-    # Retromammary fat is 5 mm thick (SD 2.5) with a soft border: few strands come within 3 mm.
+    # Retromammary fat is 9 mm thick (SD 3) with a soft border: few strands come within 3 mm.
     assert (gland & behind).sum() < 0.01 * gland.sum()
 
 

@@ -73,11 +73,11 @@ class Parenchyma:
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
         "fatty": Parenchyma(12.0, 40.0, 9.0, 5.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.16, 2.6, 0.6),
-        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.2, 2.0, 0.8),
+        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.2, 2.0, 0.7),
         "heterogeneous": Parenchyma(
-            9.0, 58.0, 32.0, 7.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.28, 1.7, 0.85
+            9.0, 58.0, 32.0, 7.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.28, 1.7, 0.75
         ),
-        "dense": Parenchyma(6.5, 70.0, 42.0, 8.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.45, 1.7, 0.85),
+        "dense": Parenchyma(6.5, 70.0, 42.0, 8.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.45, 1.7, 0.75),
     }
 )
 """Chosen by eye on projections, so that each class looks like mammograms of its BI-RADS letter;
@@ -163,7 +163,7 @@ def gland_room(
     uneven = smooth_noise(rng, frame, 30.0)
     fat = 2.0 + (kind.fat_mm * np.clip(1.0 + 0.3 * uneven, 0.5, 1.7) - 2.0) * back**0.8
     from_skin = (skin_depth_mm - fat) / 5.0
-    behind = 5.0 + 2.5 * smooth_noise(rng, frame, 35.0)
+    behind = np.clip(9.0 + 3.0 * smooth_noise(rng, frame, 35.0), 4.0, None)
     from_muscle = (-muscle_depth_mm - behind) / 1.5
     # The gland leans to the upper outer quadrant, where most of it is.
     lean = np.cos(np.arctan2(superior, lateral) - np.deg2rad(rng.normal(50.0, 15.0)))
