@@ -47,7 +47,7 @@ COLUMN_UNEVEN, CELL_UNEVEN = 2.0, 0.5
 """Spread by which columns of cells and single cells differ in what decides whether they are gland,
 in units of the potential. Chosen by eye."""
 
-COLUMN_CELLS, COLUMN_WIDTH = 1.6, 0.5
+COLUMN_CELLS, COLUMN_WIDTH = 1.6, 0.3
 """Lengths over which cells of a column are alike, along the direction in which plates press and
 across, in cells: fat lobules interrupt the plate of gland through its whole thickness, so that a
 mammogram shows them dark. Chosen by eye."""
