@@ -267,8 +267,8 @@ def decide_gland(
     sub-grid filled."""
     lowest, highest = block.corner[POTENTIAL].min(), block.corner[POTENTIAL].max()
     grain = 128.0 * texture.tile_scale
-    most = highest + texture.noise_limit + grain + texture.gland_push
-    if only_muscle or most <= paint.threshold:
+    highest += grain + texture.gland_push
+    if only_muscle or highest + texture.noise_limit <= paint.threshold:
         return 0
     n = -1  # lobules are not gathered yet, and noise alone may decide
     if lowest - texture.noise_limit > paint.threshold + texture.gland_cap:
@@ -279,7 +279,7 @@ def decide_gland(
     count = _place_sub_grid(block, origin, h)
     noise = block.places.noise
     strands(texture, block.places, count)
-    if highest + noise[:count].max() + grain <= paint.threshold:
+    if highest + noise[:count].max() <= paint.threshold:
         return 0
     if n < 0:
         n = gather_lobules(texture, block, h, True, block.centre)

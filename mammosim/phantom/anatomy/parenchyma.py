@@ -74,9 +74,7 @@ PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
         "fatty": Parenchyma(12.0, 40.0, 9.0, 5.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.16, 2.6, 0.6),
         "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.2, 2.0, 0.75),
-        "heterogeneous": Parenchyma(
-            9.0, 58.0, 32.0, 7.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.28, 1.7, 0.8
-        ),
+        "heterogeneous": Parenchyma(9.0, 58.0, 32.0, 7.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.28, 1.7, 0.8),
         "dense": Parenchyma(6.5, 70.0, 42.0, 8.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.45, 1.7, 0.8),
     }
 )
