@@ -108,6 +108,14 @@ LIMITS: tuple[Limit, ...] = (
         "assumed: 24 to 79 mm hold 95 % of 82 mammograms (Boone et al. 2000, Med Phys 27:2408)",
     ),
     Limit(
+        "lesion_in_image_percent", "part of the lesion in the image", "%", 99.0, math.inf, math.inf,
+        "the rest lies behind the chest-wall edge of the detector or beside it, where no needle "
+        "can be aimed; move the lesion (position_mm), the plates (compression.plate_edge_mm) or "
+        "the detector (projection.detector_edge_mm, projection.detector_mm)",
+        "assumed: what the edge of the image cuts off is missing from the lesion's mask, place and "
+        "size on it; 1 % allows for single voxels",
+    ),
+    Limit(
         "tube_load_mas", "tube load", "mAs", 1.0, 600.0, math.inf,
         "no unit makes such an exposure; check acquisition.mas, kvp and the thickness",
         "assumed: the largest setting of clinical units is near 600 mAs",

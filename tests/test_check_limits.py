@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -115,10 +116,54 @@ def test_a_generated_breast_is_checked_by_its_outline(changes, message, tmp_path
     assert message in result.output
 
 
+def check_of_mass(folder, place_mm, diameter_mm=6, views=("CC",), **sections):
+    """Exit status and words of `check` for a generated breast with one mass."""
+    mass = {"name": "m", "kind": "mass", "diameter_mm": diameter_mm, "position_mm": place_mm}
+    phantom = {"generate": GENERATED, "lesions": [mass]}
+    result = invoke("check", write(folder, phantom=phantom, views=list(views), **sections))
+    return result.exit_code, " ".join(result.output.split())
+
+
 def test_what_fits_passes(tmp_path):
-    lesions = [{"name": "m", "kind": "mass", "diameter_mm": 6, "position_mm": [30, 0, 0]}]
-    path = write(tmp_path, phantom={"generate": GENERATED, "lesions": lesions})
-    assert invoke("check", path).exit_code == 0
+    status, said = check_of_mass(tmp_path, [30, 0, 0])
+    assert status == 0, said
+    assert "'m'" not in said
+
+
+@pytest.mark.parametrize(
+    ("place", "diameter", "status", "message"),
+    [
+        ([30, 0, 110], 6, 2, "phantom.lesions.0: 'm' at [30.0, 0.0, 110.0] mm lies outside"),
+        ([30, 0, 0], 90, 2, "extends beyond the breast with its 90 mm"),
+        ([2, 0, 0], 6, 2, "extends beyond the breast with its 6 mm"),
+        ([30, -29, 0], 6, 0, "reaches beyond the breast, or nearly so"),
+    ],
+)
+def test_a_lesion_that_leaves_a_generated_breast_is_found_by_its_outline(
+    place, diameter, status, message, tmp_path
+):
+    found, said = check_of_mass(tmp_path, place, diameter)
+    assert found == status, said
+    assert message in said
+
+
+def test_a_lesion_that_the_image_will_not_show_is_foreseen(tmp_path):
+    """Behind the plates and the detector, and in a breast from a file by its voxels."""
+    part = "'m': part of the lesion in the image: found 0 %, plausible from 99 %"
+    compression = {**SMALL["compression"], "plate_edge_mm": 15}
+    status, said = check_of_mass(tmp_path, [6, 0, 0], compression=compression)
+    assert status == 0, said
+    assert f"LCC: mass {part}" in said
+    mass = {"name": "m", "kind": "mass", "diameter_mm": 4, "position_mm": [4, 0, 0]}
+    phantom = {"file": "breast.npz", "lesions": [mass]}
+    path = write(save_breast(tmp_path), phantom=phantom, compression=compression, views=["CC"])
+    assert f"LCC: mass {part}" in " ".join(invoke("check", path).output.split())
+    result = invoke("run", path, "--output", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert f"LCC: mass {part}" in " ".join(result.output.split())
+    record = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert any(part in warning for warning in record["warnings"])
+    assert "part of the lesion in the image" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_a_file_with_lesions_leaves_fewer(tmp_path):

@@ -9,12 +9,14 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, suppress
 from functools import wraps
 from pathlib import Path
 
 import pytest
 from make_run import SMALL, invoke, save_breast, write
+from numba.core.compiler_lock import global_compiler_lock
 from pydantic import BaseModel, field_serializer
 
 from mammosim import load_config, simulate
@@ -258,6 +260,38 @@ def test_a_signal_while_settings_are_written_out_is_not_lost():
 
     with pytest.raises(KeyboardInterrupt, match="SIGTERM"):
         write_out()
+
+
+def test_a_signal_that_comes_as_numba_takes_its_lock_does_not_leave_it_taken():
+    """Another thread that loads a kernel would wait for it, and the run for that thread."""
+
+    def trace(frame, event, _):
+        if frame.f_code is not type(global_compiler_lock).acquire.__code__:
+            return None
+        if event == "return":
+            sys.settrace(before)
+            signal.getsignal(signal.SIGINT)(signal.SIGINT, frame)
+        return trace
+
+    def take_it() -> None:
+        with ExitStack() as stack:
+            stack.enter_context(global_compiler_lock)
+            time.sleep(5)
+
+    before = sys.gettrace()
+    with signals_interrupt():
+        sys.settrace(trace)
+        with pytest.raises(KeyboardInterrupt, match="SIGINT"):
+            take_it()
+
+    def is_free() -> bool:
+        taken = global_compiler_lock._lock.acquire(False)
+        if taken:
+            global_compiler_lock._lock.release()
+        return taken
+
+    with ThreadPoolExecutor(1) as other:
+        assert other.submit(is_free).result()
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

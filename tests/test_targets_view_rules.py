@@ -71,10 +71,31 @@ def test_targets_out_of_field_or_lattice_are_told():
     targets = make_targets(view)
     del targets[3]  # the made-up phantom has no landmarks
     origins = target_origins(compressed.phantom)
-    assert target_warnings(compressed, targets, origins) == ()
-    lost = [dataclasses.replace(targets[0], in_field=False), *targets[1:]]
-    (note,) = target_warnings(compressed, lost, origins)
-    assert note == "LCC: mass 'mass 1' is not in the image; no needle can be aimed at it"
+    gantry = make_gantry(view)
+    assert target_warnings(compressed, targets, origins, gantry) == ()
+    lost = [*targets[:-1], dataclasses.replace(targets[-1], in_field=False)]
+    (note,) = target_warnings(compressed, lost, origins, gantry)
+    assert note == "LCC: the nipple is not in the image; no needle can be aimed at it"
+
+
+@pytest.mark.parametrize("percent", [0.0, 30.0, 75.0, 98.0])
+def test_a_lesion_behind_the_chest_wall_edge_is_told_by_its_part_in_the_image(percent):
+    """The rays in the plane of that edge are upright: what counts is x alone."""
+    view = View("CC", "L")
+    compressed = make_compressed(view)
+    origins = target_origins(compressed.phantom)
+    x_mm = np.linspace(10.0, 20.0, 1000)
+    points = np.stack([x_mm, np.zeros(1000), np.zeros(1000)], axis=1)
+    origins[0] = dataclasses.replace(origins[0], points_mm=points)
+    after = points[:, 0] + compressed.displacement_at(points)[:, 0]
+    gantry = make_gantry(view)
+    assert target_warnings(compressed, make_targets(view)[:1], origins[:1], gantry) == ()
+    edge = float(np.quantile(after, 1.0 - percent / 100.0)) + 1e-6
+    behind = dataclasses.replace(gantry, detector_edge_mm=edge)
+    (note,) = target_warnings(compressed, make_targets(view)[:1], origins[:1], behind)
+    assert note.startswith("LCC: mass 'mass 1': part of the lesion in the image: found ")
+    found = float(note.partition("found ")[2].partition(" %")[0])
+    assert found == pytest.approx(percent, abs=0.2)
 
 
 def test_a_speck_that_hangs_on_nothing_is_doubted():
@@ -85,9 +106,9 @@ def test_a_speck_that_hangs_on_nothing_is_doubted():
     compressed = compress(breast, view="CC", model="springs", thickness_mm=24.0, resolution_mm=2.0)
     row = make_targets(View("CC", "L"))[-1]
     origins = target_origins(breast)
-    (note,) = target_warnings(compressed, [row], origins)
+    (note,) = target_warnings(compressed, [row], origins, make_gantry(View("CC", "L")))
     assert note.startswith("LCC: the nipple is not in the mechanical lattice")
     on_the_skin = dataclasses.replace(origins[-1], points_mm=np.array([[20.5, 0.0, 0.0]]))
-    assert target_warnings(compressed, [row], [on_the_skin]) == ()
+    assert target_warnings(compressed, [row], [on_the_skin], make_gantry(View("CC", "L"))) == ()
     left_alone = compress(breast, view="CC", model="none")
-    assert target_warnings(left_alone, [row], origins) == ()
+    assert target_warnings(left_alone, [row], origins, make_gantry(View("CC", "L"))) == ()

@@ -20,10 +20,16 @@ NOT_WITHIN = ("llvmlite", "pydantic")
 """Packages whose compiled code swallows an exception: the first while a kernel is compiled, after
 which it crashes, the second while settings are checked or written out."""
 
+NOT_IN = ("numba.core.compiler_lock", "contextlib")
+"""Modules in whose functions a lock of Numba's may just have been taken, or be about to be given
+back: an exception there would leave it taken, and every thread that loads a kernel waiting."""
+
 
 @contextmanager
 def signals_interrupt() -> Iterator[Callable[[], None]]:
     """Let SIGTERM interrupt as Ctrl-C does, and neither of them in the middle of compiling.
+
+    Where an exception would do harm, the signal is sent again a moment later.
 
     Yields
     ------
@@ -35,7 +41,7 @@ def signals_interrupt() -> Iterator[Callable[[], None]]:
     came: list[str] = []
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        if _is_within(frame, NOT_WITHIN):
+        if _is_within(frame, NOT_WITHIN) or _module(frame) in NOT_IN:
             threading.Timer(RETRY_S, os.kill, (os.getpid(), number)).start()
             return
         came.append(f"the run was interrupted by {signal.Signals(number).name}")
@@ -57,7 +63,12 @@ def signals_interrupt() -> Iterator[Callable[[], None]]:
 def _is_within(frame: FrameType | None, packages: tuple[str, ...]) -> bool:
     """Whether any function on the stack belongs to one of some packages."""
     while frame is not None:
-        if frame.f_globals.get("__name__", "").partition(".")[0] in packages:
+        if _module(frame).partition(".")[0] in packages:
             return True
         frame = frame.f_back
     return False
+
+
+def _module(frame: FrameType | None) -> str:
+    """Name of the module that a function belongs to; empty without one."""
+    return str(frame.f_globals.get("__name__", "")) if frame is not None else ""

@@ -18,7 +18,7 @@ from mammosim.phantom.label_table import (
 )
 from mammosim.phantom.lesion_kinds import LESION_KINDS, LesionForm, LesionKind
 from mammosim.phantom.lesion_shapes import shape_files
-from mammosim.phantom.lesions import check_shapes, insert_lesions
+from mammosim.phantom.lesions import PlannedLesion, insert_lesions, plan_lesions
 from mammosim.phantom.make import make_phantom
 from mammosim.phantom.memory import address_bytes, available_bytes
 from mammosim.phantom.open_end import as_held, leaves_picture, without_open_end
@@ -51,6 +51,7 @@ __all__ = [
     "PhantomKeys",
     "PhantomSettings",
     "PhantomSummary",
+    "PlannedLesion",
     "Posture",
     "Side",
     "Volume",
@@ -58,7 +59,6 @@ __all__ = [
     "as_held",
     "available_bytes",
     "box_text",
-    "check_shapes",
     "count_values",
     "expected_voxels",
     "generate_outline",
@@ -68,6 +68,7 @@ __all__ = [
     "make_phantom",
     "open_voxels",
     "phantom_summary",
+    "plan_lesions",
     "read_phantom",
     "read_volume",
     "shape_files",

@@ -97,17 +97,18 @@ def insert_lesions(
     )
 
 
-def check_shapes(lesions: Sequence[LesionSettings]) -> None:
-    """Refuse lesions whose file cannot be used.
+def plan_lesions(lesions: Sequence[LesionSettings]) -> list[PlannedLesion]:
+    """Each lesion with its form and size.
 
     Raises
     ------
     InputError
-        With one line per lesion.
+        With one line per lesion whose file cannot be used.
     """
-    problems = _planned(lesions)[1]
+    planned, problems = _planned(lesions)
     if problems:
         raise InputError(problems)
+    return planned
 
 
 def _planned(lesions: Sequence[LesionSettings]) -> tuple[list[PlannedLesion], list[str]]:

@@ -119,8 +119,8 @@ def check_shadow(
     compressed: CompressedBreast,
     settings: ProjectionSettings,
     arc: TomosynthesisSettings | None = None,
-) -> tuple[str, ...]:
-    """By how much a detector is too small for a compressed breast, one sentence each.
+) -> tuple[Gantry, tuple[str, ...]]:
+    """Where the detector would be, and by how much it is too small for a compressed breast.
 
     Parameters
     ----------
@@ -129,6 +129,13 @@ def check_shadow(
     settings : ProjectionSettings
     arc : TomosynthesisSettings, optional
         Movement of the tube: it must be above the breast at all its angles.
+
+    Returns
+    -------
+    gantry : Gantry
+        With pixels of 1 mm and the tube upright.
+    notes : tuple of str
+        One sentence where the breast is cut off.
 
     Raises
     ------
@@ -140,7 +147,7 @@ def check_shadow(
     upright, notes = place_detector(compressed, voxel_map(compressed), coarse, arc)
     if arc is not None:
         check_gap([turned(upright, angle, arc) for angle in arc.angles_deg])
-    return notes
+    return upright, notes
 
 
 def check_copy(compressed: CompressedBreast, settings: ProjectionSettings, voxel_mm: float) -> None:

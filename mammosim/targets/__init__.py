@@ -26,7 +26,7 @@ from mammosim.targets.uncertainty import (
     uncertainties,
 )
 from mammosim.targets.view_rules import RuleError, rule_errors
-from mammosim.targets.warnings import target_warnings
+from mammosim.targets.warnings import lesion_cut_off, target_warnings
 
 __all__ = [
     "BiopsyResult",
@@ -48,6 +48,7 @@ __all__ = [
     "draw_samples",
     "find_targets",
     "in_volume",
+    "lesion_cut_off",
     "mean_shift_mm",
     "point_at_height",
     "point_from_image_points",

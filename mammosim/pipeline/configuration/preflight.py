@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from mammosim.acquisition import SCATTER_VOXEL_MM, check_acquisition
 from mammosim.compression import (
     MODELS,
@@ -19,12 +17,10 @@ from mammosim.compression import (
 from mammosim.errors import InputError, NotConverged
 from mammosim.phantom import (
     BreastPhantom,
-    PhantomSettings,
-    box_text,
-    check_shapes,
     generate_outline,
     make_phantom,
 )
+from mammosim.pipeline.configuration.foreseen_lesions import foreseen_origins, with_lesions
 from mammosim.pipeline.configuration.resolved_view import ResolvedView
 from mammosim.pipeline.configuration.run_config import RunConfig
 from mammosim.plausibility import plausibility_warnings
@@ -36,6 +32,7 @@ from mammosim.projection import (
     check_shadow,
 )
 from mammosim.reconstruction import check_reconstruction, load_rtk
+from mammosim.targets import lesion_cut_off
 
 SHADOW_LATTICE_MM = 3.0
 """Spacing of that lattice, mm, unless the run's own is coarser."""
@@ -65,7 +62,7 @@ def check_before(config: RunConfig) -> tuple[str, ...]:
         breast, slack_mm = _outlined_phantom(one)
         check_compression(one, breast, slack_mm)
         found += _check_shadows(one, breast)
-        found += breast.notes if one.phantom.generate is None else ()
+        found += breast.notes
         found += map(str, plausibility_warnings({"breast_volume_ml": breast_volume_ml(breast)}))
         for view in one.resolved_views:
             compresses = MODELS[view.compression.model].compresses
@@ -174,7 +171,7 @@ def _check_shadows(config: RunConfig, breast: BreastPhantom) -> list[str]:
         if not compressed.converged:
             continue
         try:
-            found = check_shadow(compressed, view.projection, view.tomosynthesis)
+            gantry, found = check_shadow(compressed, view.projection, view.tomosynthesis)
             _check_volume(compressed, view)
             if view.acquisition.scatter_model == "monte-carlo":
                 check_copy(compressed, view.projection, SCATTER_VOXEL_MM)
@@ -182,6 +179,8 @@ def _check_shadows(config: RunConfig, breast: BreastPhantom) -> list[str]:
             said = " ".join(error.problems)
             problems.append(f"{compressed.view.folder}: {said}, {_BY_ESTIMATE}")
         else:
+            for lesion in foreseen_origins(config.phantom, compressed.phantom):
+                found += lesion_cut_off(compressed, lesion, gantry)
             notes += [f"{note}, {_BY_ESTIMATE}" for note in found]
     if problems:
         raise InputError(problems)
@@ -221,7 +220,7 @@ def _outlined_phantom(config: RunConfig) -> tuple[BreastPhantom, float]:
     """The breast, and by how much it may be larger than that, mm.
 
     One from a file is read, with its lesions. Of a generated one the outline is made of coarse
-    voxels, up to one voxel smaller than it will be; its lesions are looked for near tissue.
+    voxels, up to one voxel smaller than it will be, with the lesions whose position is given.
     """
     phantom = config.phantom
     if phantom.generate is None:
@@ -229,28 +228,7 @@ def _outlined_phantom(config: RunConfig) -> tuple[BreastPhantom, float]:
             phantom, config.first_side, config.seed, breast_number=config.breast_number
         )
         return breast, 0.0
-    check_shapes(phantom.lesions)
     coarse_mm = max(COARSE_VOXEL_MM, phantom.generate.voxel_mm)
     coarse = phantom.generate.model_copy(update={"voxel_mm": coarse_mm})
-    breast = generate_outline(coarse, config.seed, config.first_side or "L")
-    _check_places(phantom, breast, 2)
-    return breast, 2.0 * coarse_mm
-
-
-def _check_places(phantom: PhantomSettings, breast: BreastPhantom, voxels: int) -> None:
-    """Refuse lesions and landmarks that lie further from tissue than some voxels of an outline."""
-    problems = []
-    for key in ("lesions", "landmarks"):
-        for number, entry in enumerate(getattr(phantom, key)):
-            if entry.position_mm is None:
-                continue
-            index = np.rint(breast.frame.index(entry.position_mm)).astype(int)
-            low, high = np.maximum(index - voxels, 0), np.maximum(index + voxels + 1, 0)
-            near = breast.labels[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
-            if not near.any():
-                problems.append(
-                    f"phantom.{key}.{number}: '{entry.name}' at {list(entry.position_mm)} mm lies "
-                    f"outside the breast; {box_text(breast)}"
-                )
-    if problems:
-        raise InputError(problems)
+    outline = generate_outline(coarse, config.seed, config.first_side or "L")
+    return with_lesions(phantom, outline), 2.0 * coarse_mm

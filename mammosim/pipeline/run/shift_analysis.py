@@ -109,7 +109,9 @@ def lesion_shift_results(
     origins = target_origins(breast)
     notes = list(touching_lesions(breast))
     for result in seen.values():
-        notes += target_warnings(result.compressed, result.targets, origins)
+        if result.paths is not None:
+            gantry = result.paths.gantry
+            notes += target_warnings(result.compressed, result.targets, origins, gantry)
     positions: dict[str, _Position] = {}
     biopsy: list[BiopsyResult] = []
     if config.targets.biopsy is not None:
