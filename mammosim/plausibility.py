@@ -108,7 +108,7 @@ LIMITS: tuple[Limit, ...] = (
         "assumed: 24 to 79 mm hold 95 % of 82 mammograms (Boone et al. 2000, Med Phys 27:2408)",
     ),
     Limit(
-        "lesion_in_image_percent", "part of the lesion in the image", "%", 99.0, math.inf, math.inf,
+        "lesion_in_image_percent", "part of the lesion in the image", "%", 99.0, 100.0, math.inf,
         "the rest lies behind the chest-wall edge of the detector or beside it, where no needle "
         "can be aimed; move the lesion (position_mm), the plates (compression.plate_edge_mm) or "
         "the detector (projection.detector_edge_mm, projection.detector_mm)",
