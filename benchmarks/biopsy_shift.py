@@ -56,7 +56,7 @@ THESIS_MM = (8.0, 13.0)
 """How far abnormalities moved under the highest compression of the source thesis."""
 
 
-EDGES_MM = {"CC": 15.0, "MLO": 5.0}
+EDGES_MM = {"CC": 15.0, "MLO": 10.0}
 """Place of the plates' edge in front of the wall with elements, as in the examples."""
 
 

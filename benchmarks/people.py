@@ -5,7 +5,7 @@
     python benchmarks/people.py RESULTS.csv --summary
 
 Compresses generated breasts (four density classes, 200 to 1200 mL) in CC and MLO by the model
-`hyperelastic` to the thickness of the population fit, with the plates' edge 15 (CC) and 5 mm (MLO)
+`hyperelastic` to the thickness of the population fit, with the plates' edge 15 (CC) and 10 mm (MLO)
 in front of the chest wall. One line per breast, view and size of element is written as soon as it
 is known; a second start computes only what is missing. `--fibres 3` changes the ratio of fibres,
 `--set krouskop` the moduli; both are columns of the file. `--summary` prints medians and 5 to 95 %
@@ -40,7 +40,7 @@ from mammosim.tissues import SKIN_SHEETS
 
 DENSITIES = ("fatty", "scattered", "heterogeneous", "dense")
 
-VIEWS = (("CC", 15.0), ("MLO", 5.0))
+VIEWS = (("CC", 15.0), ("MLO", 10.0))
 
 MEASURES = (
     "force_n", "front_force_n", "pressure_kpa", "front_pressure_kpa", "contact_area_mm2",
