@@ -6,7 +6,7 @@
 
 Each breast is drawn by its seed (density class in turn, volume, side), gets lesions of 8 mm at
 random places in gland, and is compressed in CC and MLO to the population's thickness, by elements
-with the plates' edge 15 (CC) and 5 mm (MLO) in front of the wall, or by springs as they are by
+with the plates' edge 15 (CC) and 10 mm (MLO) in front of the wall, or by springs as they are by
 default. Written are `shifts.csv`, one line per lesion and view, as soon as a breast is done (a
 second start computes only what is missing), `summary.json` and the picture. `along_mm` is as in
 lesions.csv, where both plates close on the middle of the breast; `from_support_mm` is the same seen
