@@ -30,10 +30,6 @@ MIN_NODES = 300
 LOOSE = 0.02
 """Mean error, element edges, at which the state of a coarse body is good enough to refine."""
 
-SLOW = 1e-3
-"""Part of its energy by which a step must lower that of a body whose plates are to be sharpened:
-what moves later are single elements at the plates' edge, which move again then."""
-
 CLOSING_TOLERANCE = 0.05
 """Mean error, element edges, that is good enough while the plates still close."""
 
@@ -220,8 +216,7 @@ class Stages:
     ) -> State:
         """State of one of the bodies from a displacement near it; `loose`: to start others from."""
         if loose or level > 0:
-            body, slow = self.bodies[level], SLOW if loose else 0.0
-            return self._equilibrium(body, level, plates, u, LOOSE, before, slow)
+            return self._equilibrium(self.bodies[level], level, plates, u, LOOSE, before)
         return self._equilibrium(self._steep, level, plates, u, self.tolerance, before)
 
     def at_rest(self, plates: Plates) -> State:
@@ -312,14 +307,11 @@ class Stages:
         u: NDArray[np.float64],
         tolerance: float,
         before: Held,
-        slow: float = 0.0,
     ) -> State:
         """State of one of the bodies from a displacement near it, with friction if there is any."""
 
         def minimised(u: NDArray[np.float64], contact: Contact) -> State:
-            return self._minimise(
-                body, level, contact, plates.thickness_mm, u, tolerance, slow=slow
-            )
+            return self._minimise(body, level, contact, plates.thickness_mm, u, tolerance)
 
         contact = self.contact(level, plates)
         if before.grip is None:
@@ -348,7 +340,6 @@ class Stages:
         u: NDArray[np.float64],
         tolerance: float,
         unfolded: float = np.inf,
-        slow: float = 0.0,
     ) -> State:
         edge = 2.0**level * float(self.mesh.nodes.spacing_mm[0])
 
@@ -365,7 +356,7 @@ class Stages:
 
         return minimise(
             body, contact, u, tolerance, self._workspace,
-            watch=watch, unfolded=unfolded, slow=slow,
+            watch=watch, unfolded=unfolded,
         )  # fmt: skip
 
 

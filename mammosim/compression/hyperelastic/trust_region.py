@@ -68,9 +68,6 @@ UNKNOWN_RATE = 0.8
 LARGEST_TO_MEAN = 4.0
 """Largest error that is allowed, in units of the tolerance of the mean."""
 
-SLOW_STEPS = 3
-"""So many steps in a row that each lower the energy by less than the part `slow` end a search."""
-
 
 @dataclass
 class _Search:
@@ -110,7 +107,6 @@ def minimise(
     max_steps: int = MAX_STEPS,
     watch: Callable[[Step], None] | None = None,
     unfolded: float = np.inf,
-    slow: float = 0.0,
 ) -> State:
     """Displacement of least energy.
 
@@ -129,9 +125,6 @@ def minimise(
         Called with each step.
     unfolded : float
         Stop, without convergence, as soon as no J is smaller than this.
-    slow : float
-        Stop, as converged, where `SLOW_STEPS` in a row each lower the energy by less than this part
-        of it: enough for a start of another minimisation.
 
     Returns
     -------
@@ -149,7 +142,6 @@ def minimise(
     search = _Search(workspace)
     value, error, cycles, length = evaluate(body, contact, u), (np.inf, np.inf), 0, 1.0
     done = interrupted = False
-    still = 0
     for number in range(max_steps + 1):
         step = step_of(body, contact, value, cycles, length, error)
         if step.out_of_balance <= AT_REST:
@@ -166,9 +158,6 @@ def minimise(
             break
         error = _error(model, trial, search)
         done = error[0] <= tolerance and error[1] <= LARGEST_TO_MEAN * tolerance
-        gained = value.energy - trial.value.energy
-        still = still + 1 if 0.0 < gained < slow * abs(value.energy) else 0
-        done = done or still == SLOW_STEPS
         _learn(model, trial, search)
         u, value, length, cycles = trial.u, trial.value, trial.length, model.iterations
     return State(u, value, step, done, interrupted)
