@@ -61,6 +61,10 @@ def test_what_run_refuses_is_refused_by_check(changes, message, tmp_path):
             "compression.spring_law: exponential",
         ),
         (
+            {"compression": {"model": "hyperelastic", "stiffness_kpa": {"adipose": 0.001}}},
+            "stiffness of gland relative to fat, or of fat to gland: found 3040, plausible up to",
+        ),
+        (
             {
                 "phantom": {"file": "breast.npz", "voxel_mm": 5},
                 "compression": {"model": "springs", "resolution_mm": 10},

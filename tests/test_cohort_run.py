@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numba
@@ -138,6 +139,10 @@ def finished(folder: Path) -> int:
     return len(list(folder.glob("patients/*/run.json")))
 
 
+WAIT_S = 600.0
+"""For what takes seconds, on a machine that does other things: it ends a test that would hang."""
+
+
 def start_cluster(folder: Path) -> tuple[list[subprocess.Popen], str]:
     """A scheduler and a worker with two threads, each a process of its own."""
     note = folder / "scheduler.json"
@@ -149,17 +154,17 @@ def start_cluster(folder: Path) -> tuple[list[subprocess.Popen], str]:
     processes = [
         subprocess.Popen([sys.executable, "-m", *words], **quiet) for words in (scheduler, worker)
     ]
-    until = time.monotonic() + 60
-    while not note.exists():
+    until = time.monotonic() + WAIT_S
+    while True:
+        with suppress(OSError, ValueError):  # not there yet, or not wholly written
+            return processes, json.loads(note.read_text())["address"]
         assert time.monotonic() < until, "the scheduler did not start"
         time.sleep(0.1)
-    time.sleep(0.5)
-    return processes, json.loads(note.read_text())["address"]
 
 
 def stop_when(due, process: subprocess.Popen) -> None:
     def wait() -> None:
-        until = time.monotonic() + 120
+        until = time.monotonic() + WAIT_S
         while not due() and time.monotonic() < until:
             time.sleep(0.05)
         process.send_signal(signal.SIGKILL)

@@ -26,7 +26,7 @@ def shell(folder: Path, line: str, **environment: str) -> subprocess.CompletedPr
     """Run a line of shell, in which `mammosim` stands for the command."""
     line = line.replace("mammosim", " ".join(COMMAND))
     return subprocess.run(
-        ["bash", "-c", line], cwd=folder, capture_output=True, timeout=240, check=False,
+        ["bash", "-c", line], cwd=folder, capture_output=True, timeout=900, check=False,
         env={**os.environ, **environment}, text=True, errors="backslashreplace",
     )  # fmt: skip
 

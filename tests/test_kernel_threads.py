@@ -103,6 +103,6 @@ def test_a_forked_process_has_threads_of_its_own():
     child = context.Process(target=_turns_in_a_fork, args=(answer,))
     child.start()
     try:
-        assert answer.get(timeout=60) == 8
+        assert answer.get(timeout=600) == 8
     finally:
         child.kill()

@@ -240,16 +240,26 @@ def test_a_configuration_is_opened_and_its_mistakes_are_marked(browser, tmp_path
     assert axe_findings(browser) == []
 
 
+def finish_a_run(browser) -> None:
+    """Make a run, unless one is done already, and show it."""
+    if "done" not in statuses(browser):
+        button(browser, "Run").click()
+        until(lambda: "done" in statuses(browser), "the end of the run")
+    browser.find_elements("xpath", "//button[contains(., ': done')]")[0].click()
+    until(lambda: browser.find_elements("css selector", "iframe.planes-frame"), "a finished run")
+
+
 def test_runs_are_compared_side_by_side(browser, page):
     """Two runs: pictures under one window, what differs; also on a phone and in the dark."""
-    for thickness in ("30", "40"):
-        write_into(field(browser, "compression.thickness_mm"), thickness)
-        write_into(field(browser, "compression.resolution_mm"), "3")
-        button(browser, "Run").click()
-        done = statuses(browser).count("done")
-        until(lambda done=done: statuses(browser).count("done") > done, "the end of the run")
-    for box in browser.find_elements("css selector", ".list .q-checkbox")[:2]:
-        box.click()
+    finish_a_run(browser)
+    done = statuses(browser).count("done")
+    write_into(field(browser, "compression.thickness_mm"), "30")
+    button(browser, "Run").click()
+    until(lambda: statuses(browser).count("done") > done, "the end of the run")
+    both = [number for number, status in enumerate(statuses(browser)) if status == "done"][:2]
+    boxes = browser.find_elements("css selector", ".list .q-checkbox")
+    for number in both:
+        boxes[number].click()
     until(lambda: button(browser, "Compare").is_enabled(), "the button")
     button(browser, "Compare").click()
     until(lambda: "2 runs side by side" in browser.page_source, "both runs")
@@ -267,15 +277,6 @@ def test_runs_are_compared_side_by_side(browser, page):
         appear(browser, size, scheme)
         assert axe_findings(browser) == [], (size, scheme)
         assert too_wide(browser) <= 0
-
-
-def finish_a_run(browser) -> None:
-    """Make a run, unless one is done already, and show it."""
-    if "done" not in statuses(browser):
-        button(browser, "Run").click()
-        until(lambda: "done" in statuses(browser), "the end of the run")
-    browser.find_elements("xpath", "//button[contains(., ': done')]")[0].click()
-    until(lambda: browser.find_elements("css selector", "iframe.planes-frame"), "a finished run")
 
 
 def test_every_state_is_accessible(browser):

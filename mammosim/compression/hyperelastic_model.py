@@ -37,6 +37,7 @@ from mammosim.compression.spring_case import DOWN, GRAVITY_M_S2
 from mammosim.errors import InputError
 from mammosim.geometry import View
 from mammosim.phantom import BreastPhantom
+from mammosim.plausibility import plausibility_warnings
 from mammosim.tissues import SkinSheet
 
 AIR_LAYERS = 3
@@ -167,6 +168,7 @@ def compress_hyperelastic(
     if tilt is not None and reached.at_stop:
         stop = f"{view.folder}: the paddle reaches its stop at {tilt.max_deg:g} degrees"
         notes = (*notes, stop)
+    notes = (*_cautions(settings), *notes)
     return _result(breast, view, stages, reached.plates, reached.state, notes)
 
 
@@ -375,11 +377,18 @@ def _quantities(compressed: CompressedBreast, settings: CompressionSettings) -> 
     }
 
 
+def _cautions(settings: CompressionSettings) -> tuple[str, ...]:
+    fat, gland = settings.moduli("adipose"), settings.moduli("gland")
+    ratio = max(fat, gland) / min(fat, gland)
+    return tuple(map(str, plausibility_warnings({"stiffness_ratio": ratio})))
+
+
 HYPERELASTIC = MechanicalModel(
     compress_hyperelastic,
     method=lambda settings: "hyperelastic",
     where_it_stopped=_where_it_stopped,
     quantities=_quantities,
+    cautions=_cautions,
     own_keys=(
         "gravity",
         "skin",
