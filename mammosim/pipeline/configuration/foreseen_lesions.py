@@ -56,7 +56,7 @@ def with_lesions(phantom: PhantomSettings, outline: BreastPhantom) -> BreastPhan
         start = f"phantom.{key}.{number}: '{name}' at {list(position)} mm"
         depth = _depth_mm(outline, depth_mm, centre)
         room = min(depth + error_mm, _behind_mm(outline, centre) + _WALL_ERROR_MM)
-        if depth + error_mm < 0.0:
+        if room < 0.0:
             problems.append(f"{start} lies outside the breast; {box_text(outline)}")
         elif room < radius:
             problems.append(
