@@ -7,6 +7,7 @@ import pytest
 from naive import phantom as naive
 
 from mammosim.phantom._body_kernels import count_runs, find_runs
+from mammosim.phantom._count_kernels import count_labels
 from mammosim.phantom._open_end_kernels import CoarseDepth, leave_out
 from mammosim.phantom.bodies import find_bodies
 
@@ -58,3 +59,14 @@ def test_what_a_view_leaves_out_agrees_with_the_twin():
     np.testing.assert_array_equal(labels, expected)
     np.testing.assert_array_equal(rows, expected.any(axis=2))
     np.testing.assert_array_equal(columns, expected.any(axis=1))
+
+
+@pytest.mark.parametrize("shape", [(3, 4, 6), (3, 5, 1)])
+def test_labels_of_each_layer_are_counted_in_any_memory_order(shape):
+    labels = np.random.default_rng(2).choice(np.array([0, 1, 200, 255], np.uint8), shape)
+    labels[1] = 7
+    expected = [np.bincount(layer.ravel(), minlength=256) for layer in labels]
+    for stored in (labels, np.asfortranarray(labels), labels[:, :, ::-1]):
+        counts = np.zeros((shape[0], 256), np.int64)
+        count_labels(stored, counts)
+        np.testing.assert_array_equal(counts, expected)

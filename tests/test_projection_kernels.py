@@ -19,7 +19,6 @@ from naive.projection import (
 from mammosim.phantom import Lesion
 from mammosim.projection import compressed_labels, project
 from mammosim.projection._ray_kernels import Voxels, _other
-from mammosim.projection.channels import planes_with_labels
 
 ADIPOSE, GLAND, LESION = 1, 29, 160
 
@@ -114,16 +113,6 @@ def test_the_other_label_is_found_at_any_place_of_a_word():
                 for label in (1, 2):
                     expected = next((z for z in between if line[z] != label), -1)
                     assert _other(column, start, end, label, voxels) == expected
-
-
-@pytest.mark.parametrize("shape", [(3, 4, 6), (3, 5, 7)])
-def test_labels_of_each_plane(shape):
-    labels = np.random.default_rng(2).choice(np.array([0, 1, 200, 255], np.uint8), shape)
-    labels[1] = 7
-    for stored in (labels, np.asfortranarray(labels), labels[:, :, ::-1]):
-        present = planes_with_labels(stored)
-        for plane, found in zip(labels, present, strict=True):
-            np.testing.assert_array_equal(np.flatnonzero(found), np.unique(plane))
 
 
 def test_labels_in_another_memory_order_give_the_same():

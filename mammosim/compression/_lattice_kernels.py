@@ -53,17 +53,6 @@ def tissue_outline(thread, labels, out):
                     out[j, k] = True
 
 
-@parallel_kernel
-def tissue_reach(thread, labels, wanted, out):
-    """``out[x]`` counts voxels of the wanted labels in each layer of constant x."""
-    for i in share(thread, 0, labels.shape[0]):
-        count = 0
-        for j in range(labels.shape[1]):
-            for k in range(labels.shape[2]):
-                count += wanted[labels[i, j, k]]
-        out[i] = count
-
-
 @kernel
 def _row(matrix, row, p, q, r):
     """Nearest voxel index along one axis of a lattice place."""

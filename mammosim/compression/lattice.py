@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.compression._lattice_kernels import gather_blocks, tissue_outline, tissue_reach
+from mammosim.compression._lattice_kernels import gather_blocks, tissue_outline
 from mammosim.compression.connectivity import held_together
 from mammosim.errors import InputError
 from mammosim.geometry import View, VoxelFrame
-from mammosim.phantom import BreastPhantom
+from mammosim.phantom import BreastPhantom, label_counts
 from mammosim.tissues import Moduli
 
 SMALLEST_PART = 0.5
@@ -24,9 +23,6 @@ MAX_SAMPLES = 10
 
 MUSCLE_REACH_MM = 12.0
 """Muscle that reaches further forward than this lies between the plates and must deform, mm."""
-
-_counted: WeakKeyDictionary[BreastPhantom, dict[bytes, NDArray[np.int64]]] = WeakKeyDictionary()
-"""What `_layer_counts` found: volume, muscle and box of one breast are asked for many times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,12 +251,8 @@ def bounds_mm(breast: BreastPhantom, view: View) -> tuple[NDArray[np.float64], N
 
 def _layer_counts(breast: BreastPhantom, wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
     """How many voxels of each layer of constant x have one of the wanted labels."""
-    known = _counted.setdefault(breast, {})
-    key = wanted.tobytes()
-    if key not in known:
-        known[key] = np.zeros(breast.labels.shape[0], np.int64)
-        tissue_reach(breast.labels, wanted, known[key])
-    return known[key]
+    counts: NDArray[np.int64] = label_counts(breast)[:, wanted].sum(axis=1)
+    return counts
 
 
 def _frame_around(

@@ -10,6 +10,7 @@ from mammosim.phantom.breast import (
     Posture,
 )
 from mammosim.phantom.keys import PhantomKeys
+from mammosim.phantom.label_counts import label_counts
 from mammosim.phantom.label_table import (
     LABELS_FILE,
     LabelledLesion,
@@ -64,6 +65,7 @@ __all__ = [
     "generate_outline",
     "generate_phantom",
     "insert_lesions",
+    "label_counts",
     "leaves_picture",
     "make_phantom",
     "open_voxels",

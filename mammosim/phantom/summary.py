@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mammosim.phantom.breast import BreastPhantom, Lesion
+from mammosim.phantom.label_counts import label_counts
 from mammosim.phantom.lesion_kinds import lesion_tissues
 from mammosim.phantom.place import tissue_box_mm
 from mammosim.tissues import TISSUES
@@ -69,9 +70,7 @@ def phantom_summary(breast: BreastPhantom) -> PhantomSummary:
     -------
     PhantomSummary
     """
-    counts = np.zeros(256, np.int64)
-    for layer in breast.labels:
-        counts += np.bincount(layer.ravel(), minlength=256)
+    counts = label_counts(breast).sum(axis=0)
     voxel_ml = float(np.prod(breast.voxel_mm)) / 1000.0
     volume: dict[str, float] = {}
     for label in np.flatnonzero(counts):

@@ -1,7 +1,7 @@
 """Rays through the deformed voxels: path lengths of each tissue at each pixel."""
 
 from mammosim.projection.arc import Arc, project_arc
-from mammosim.projection.channels import channels_of, host_channel, planes_with_labels
+from mammosim.projection.channels import channels_of, host_channel
 from mammosim.projection.coarse_copy import CoarseBreast, coarse_breast
 from mammosim.projection.detector_field import STANDARD_FORMATS_MM, Shadow, cast_shadow
 from mammosim.projection.feasible import (
@@ -39,7 +39,6 @@ __all__ = [
     "compressed_labels",
     "host_channel",
     "installed_memory",
-    "planes_with_labels",
     "project",
     "project_arc",
 ]

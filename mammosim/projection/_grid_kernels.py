@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim._jit import Thread, kernel, parallel_kernel, share
-from mammosim.projection._label_kernels import Labels
 
 Floats = NDArray[np.float64]
+Labels = NDArray[np.uint8]
 Nodes = NDArray[np.float32]
 
 Place = tuple[float, float, float, float]

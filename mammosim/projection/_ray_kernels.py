@@ -12,11 +12,16 @@ from mammosim._jit import Thread, kernel, parallel_kernel, share
 from mammosim.projection._grid_kernels import (
     NOWHERE,
     Floats,
+    Labels,
     Nodes,
     Place,
     value_on_plane,
 )
-from mammosim.projection._label_kernels import Labels, Words
+
+Words = NDArray[np.uint64]
+
+LABELS_PER_WORD = 8
+"""Labels that are looked at together, as one 64-bit word of a little-endian machine."""
 
 _SKIN = 1e-6
 """Part of a voxel by which the array is taken smaller on each side, against rounding."""

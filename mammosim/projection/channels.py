@@ -8,12 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.errors import InputError
-from mammosim.phantom import BreastPhantom, Lesion
-from mammosim.projection._label_kernels import (
-    LABELS_PER_WORD,
-    planes_of_labels,
-    planes_of_words,
-)
+from mammosim.phantom import BreastPhantom, Lesion, label_counts
 from mammosim.tissues import TISSUES, Tissue
 
 
@@ -61,7 +56,7 @@ def channels_of(phantom: BreastPhantom) -> Channels:
     InputError
         If a label occurs that has no tissue.
     """
-    present = np.flatnonzero(planes_with_labels(phantom.labels).any(axis=0))
+    present = np.flatnonzero(label_counts(phantom).any(axis=0))
     unknown = [int(label) for label in present if int(label) not in phantom.tissue_of_label]
     if unknown:
         raise InputError(f"phantom: found voxels with label {unknown}, which belongs to no tissue")
@@ -103,26 +98,6 @@ def _materials_of(mixture: Tissue) -> dict[str, float]:
     return {str(TISSUES[name].material): part for name, part in mixture.mixture.items()}
 
 
-def planes_with_labels(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Which labels occur in each x plane.
-
-    Parameters
-    ----------
-    labels : ndarray of uint8, [x, y, z]
-
-    Returns
-    -------
-    ndarray of bool, [x, 256]
-    """
-    present = np.zeros((labels.shape[0], 256), dtype=np.bool_)
-    starts_a_word = labels.flags.c_contiguous and labels.ctypes.data % LABELS_PER_WORD == 0
-    if starts_a_word and labels[0].size % LABELS_PER_WORD == 0:
-        planes_of_words(labels.reshape(len(labels), -1).view(np.uint64), present)
-    else:
-        planes_of_labels(labels, present)
-    return present
-
-
 def host_channel(phantom: BreastPhantom, lesion: Lesion, channels: Channels) -> int | None:
     """Channel of the material that most of a lesion's neighbouring voxels are of.
 
@@ -140,7 +115,7 @@ def host_channel(phantom: BreastPhantom, lesion: Lesion, channels: Channels) -> 
     int or None
         None where no neighbour is of a material.
     """
-    planes = np.flatnonzero(planes_with_labels(phantom.labels)[:, lesion.label])
+    planes = np.flatnonzero(label_counts(phantom)[:, lesion.label])
     if planes.size == 0:
         return None
     slab = slice(max(int(planes[0]) - 1, 0), int(planes[-1]) + 2)

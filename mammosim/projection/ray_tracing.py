@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.projection._label_kernels import LABELS_PER_WORD
-from mammosim.projection._ray_kernels import Beam, Voxels, trace
+from mammosim.projection._ray_kernels import LABELS_PER_WORD, Beam, Voxels, trace
 
 # Rows that one thread traces together: neighbouring rays share the voxels in its cache.
 _BAND_ROWS = 32

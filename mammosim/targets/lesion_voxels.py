@@ -8,18 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from mammosim.phantom import BreastPhantom
-from mammosim.projection import planes_with_labels
+from mammosim.phantom import BreastPhantom, label_counts
 
 
 def lesion_voxels(phantom: BreastPhantom) -> dict[int, NDArray[np.intp]]:
     """Indices (n, 3) of each lesion's voxels, by the lesion's label; n may be 0."""
     if not phantom.lesions:
         return {}
-    planes = planes_with_labels(phantom.labels)
+    counts = label_counts(phantom)
     found = {}
     for lesion in phantom.lesions:
-        x = np.flatnonzero(planes[:, lesion.label])
+        x = np.flatnonzero(counts[:, lesion.label])
         index = np.empty((0, 3), np.intp)
         if x.size:
             index = np.argwhere(phantom.labels[x[0] : x[-1] + 1] == lesion.label)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import kernel
+from mammosim._jit import kernel, merged_kernel
+
+SCALE = 5.24 / 512.0
+"""Makes the variance of the sum over gradients one."""
 
 MAX_CORNERS = 48
 """Lattice points that are hashed ahead for places close together; beyond it each place has its
@@ -22,19 +25,15 @@ def lattice_hash(i: int, j: int, k: int, key: int) -> int:
 
 
 @kernel
-def _gradient(i: int, j: int, k: int, key: int) -> tuple[float, float, float]:
-    """Gradient at a lattice point, uniform in a cube."""
+def _corner(i: int, j: int, k: int, key: int, x: float, y: float, z: float) -> float:
     h = lattice_hash(i, j, k, key)
-    return (h & 1023) - 511.5, ((h >> 10) & 1023) - 511.5, ((h >> 20) & 1023) - 511.5
+    return (
+        ((h & 1023) - 511.5) * x + (((h >> 10) & 1023) - 511.5) * y
+        + (((h >> 20) & 1023) - 511.5) * z
+    ) * SCALE  # fmt: skip
 
 
-@kernel
-def _slope(gradient: tuple[float, float, float], x: float, y: float, z: float) -> float:
-    """What a corner's gradient comes to at a place relative to it."""
-    return (gradient[0] * x + gradient[1] * y + gradient[2] * z) * (5.24 / 512.0)
-
-
-@kernel
+@merged_kernel
 def _fade(t: float) -> float:
     """Weight of the further corner, whose first two derivatives vanish at both ends."""
     return t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
@@ -55,13 +54,13 @@ def gradient_noise(x: float, y: float, z: float, key: int) -> float:
         wu = u if a == 1 else 1.0 - u
         for b in range(2):
             wv = v if b == 1 else 1.0 - v
-            low = _slope(_gradient(i + a, j + b, k, key), x - a, y - b, z)
-            high = _slope(_gradient(i + a, j + b, k + 1, key), x - a, y - b, z - 1.0)
+            low = _corner(i + a, j + b, k, key, x - a, y - b, z)
+            high = _corner(i + a, j + b, k + 1, key, x - a, y - b, z - 1.0)
             total += wu * wv * (low + w * (high - low))
     return total
 
 
-@kernel
+@merged_kernel
 def add_noise(
     places: NDArray[np.float64], count: int, key: int, amplitude: float,
     gradients: NDArray[np.float64], total: NDArray[np.float64],
@@ -70,51 +69,50 @@ def add_noise(
 
     Corners that they share are hashed once; `gradients` is room for `MAX_CORNERS` of them.
     """
-    i0, i1 = _cells(places, count, 0)
-    j0, j1 = _cells(places, count, 1)
-    k0, k1 = _cells(places, count, 2)
-    ny, nz = j1 - j0 + 2, k1 - k0 + 2
-    if (i1 - i0 + 2) * ny * nz > MAX_CORNERS:
-        for n in range(count):
-            total[n] += amplitude * gradient_noise(places[n, 0], places[n, 1], places[n, 2], key)
-        return
-    for i in range(i0, i1 + 2):
-        for j in range(j0, j1 + 2):
-            for k in range(k0, k1 + 2):
-                at = ((i - i0) * ny + j - j0) * nz + k - k0
-                gradients[at, 0], gradients[at, 1], gradients[at, 2] = _gradient(i, j, k, key)
+    first, size, corners = np.empty(3, np.int64), np.empty(3, np.int64), 1
+    for axis in range(3):
+        low = high = places[0, axis]
+        for n in range(1, count):
+            low, high = min(low, places[n, axis]), max(high, places[n, axis])
+        first[axis] = int(np.floor(low))
+        size[axis] = int(np.floor(high)) - first[axis] + 2
+        corners *= size[axis]
+    together = corners <= MAX_CORNERS
     for n in range(count):
         x, y, z = places[n, 0], places[n, 1], places[n, 2]
         i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
-        at = ((i - i0) * ny + j - j0) * nz + k - k0
+        if not together:
+            first[0], first[1], first[2] = i, j, k
+            size[:] = 2
+        ny, nz = size[1], size[2]
+        if n == 0 or not together:
+            for a in range(size[0]):
+                for b in range(ny):
+                    for c in range(nz):
+                        h = lattice_hash(first[0] + a, first[1] + b, first[2] + c, key)
+                        at = (a * ny + b) * nz + c
+                        gradients[at, 0] = (h & 1023) - 511.5
+                        gradients[at, 1] = ((h >> 10) & 1023) - 511.5
+                        gradients[at, 2] = ((h >> 20) & 1023) - 511.5
+        at = ((i - first[0]) * ny + j - first[1]) * nz + k - first[2]
         total[n] += amplitude * _between(gradients, at, ny, nz, x - i, y - j, z - k)
 
 
-@kernel
-def _cells(places: NDArray[np.float64], count: int, axis: int) -> tuple[int, int]:
-    """First and last lattice cell of places along an axis."""
-    low = high = places[0, axis]
-    for n in range(1, count):
-        low, high = min(low, places[n, axis]), max(high, places[n, axis])
-    return int(np.floor(low)), int(np.floor(high))
-
-
-@kernel
+@merged_kernel
 def _between(
     gradients: NDArray[np.float64], at: int, ny: int, nz: int, x: float, y: float, z: float
 ) -> float:
     """Noise within a cell whose first corner is `at`, as `gradient_noise` has it."""
     u, v, w = _fade(x), _fade(y), _fade(z)
-    total = 0.0
-    for a in range(2):
+    noise = 0.0
+    for corner in range(4):
+        a, b = corner >> 1, corner & 1
         wu = u if a == 1 else 1.0 - u
-        for b in range(2):
-            wv = v if b == 1 else 1.0 - v
-            c = at + (a * ny + b) * nz
-            low = _slope((gradients[c, 0], gradients[c, 1], gradients[c, 2]), x - a, y - b, z)
-            c += 1
-            high = _slope(
-                (gradients[c, 0], gradients[c, 1], gradients[c, 2]), x - a, y - b, z - 1.0
-            )
-            total += wu * wv * (low + w * (high - low))
-    return total
+        wv = v if b == 1 else 1.0 - v
+        c = at + (a * ny + b) * nz
+        gx, gy, gz = gradients[c, 0], gradients[c, 1], gradients[c, 2]
+        low = (gx * (x - a) + gy * (y - b) + gz * z) * SCALE
+        gx, gy, gz = gradients[c + 1, 0], gradients[c + 1, 1], gradients[c + 1, 2]
+        high = (gx * (x - a) + gy * (y - b) + gz * (z - 1.0)) * SCALE
+        noise += wu * wv * (low + w * (high - low))
+    return noise

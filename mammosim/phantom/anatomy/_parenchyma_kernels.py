@@ -58,29 +58,27 @@ Chosen by eye."""
 def strands(texture: Texture, places: Places, count: int) -> None:
     """Strands towards the nipple and isotropic grain at places, within the noise's limit."""
     at_mm, seen, noise = places.at_mm, places.seen, places.noise
-    noise[:count] = 0.0
-    for octave in range(texture.fan_amplitude.size):
-        # Strands run towards the nipple: noise in direction and, three times slower, distance.
-        per = texture.fan_per_radian[octave]
-        for n in range(count):
-            dx = texture.apex_mm[0] - at_mm[n, 0]
-            dy, dz = at_mm[n, 1] - texture.apex_mm[1], at_mm[n, 2] - texture.apex_mm[2]
-            r = np.sqrt(dx * dx + dy * dy + dz * dz) + 1.0
-            along = np.log(r) / 3.0
-            seen[n, 0], seen[n, 1], seen[n, 2] = along * per, dy / r * per, dz / r * per
-        add_noise(
-            seen, count, texture.key + octave, texture.fan_amplitude[octave], places.gradients,
-            noise,
-        )  # fmt: skip
-    for octave in range(texture.grain_amplitude.size):
-        s = 1.0 / texture.grain_mm[octave]
-        for n in range(count):
-            for axis in range(3):
-                seen[n, axis] = at_mm[n, axis] * s
-        add_noise(
-            seen, count, texture.key + 64 + octave, texture.grain_amplitude[octave],
-            places.gradients, noise,
-        )  # fmt: skip
+    for n in range(count):
+        noise[n] = 0.0
+    fans = texture.fan_amplitude.size
+    for octave in range(fans + texture.grain_amplitude.size):
+        if octave < fans:
+            # Strands run towards the nipple: noise in direction and, three times slower, distance.
+            per, key = texture.fan_per_radian[octave], texture.key + octave
+            amplitude = texture.fan_amplitude[octave]
+            for n in range(count):
+                dx = texture.apex_mm[0] - at_mm[n, 0]
+                dy, dz = at_mm[n, 1] - texture.apex_mm[1], at_mm[n, 2] - texture.apex_mm[2]
+                r = np.sqrt(dx * dx + dy * dy + dz * dz) + 1.0
+                along = np.log(r) / 3.0
+                seen[n, 0], seen[n, 1], seen[n, 2] = along * per, dy / r * per, dz / r * per
+        else:
+            per, key = 1.0 / texture.grain_mm[octave - fans], texture.key + 64 + octave - fans
+            amplitude = texture.grain_amplitude[octave - fans]
+            for n in range(count):
+                for axis in range(3):
+                    seen[n, axis] = at_mm[n, axis] * per
+        add_noise(seen, count, key, amplitude, places.gradients, noise)
     for n in range(count):
         noise[n] = min(max(noise[n], -texture.noise_limit), texture.noise_limit)
 
@@ -224,7 +222,7 @@ def _sub_cell(
         block.corner[SEPTUM, corner] = potential_at(texture, block, n, at, noise)
 
 
-@kernel
+@merged_kernel
 def _corner_of_sub_cell(block: Block, corner: int, at: NDArray[np.float64]) -> None:
     """Where in a block (u, v, w) a corner lies of the cell of its sub-grid at `low`."""
     at[0] = (block.low[0] + (corner >> 2)) / SUB_STEPS
@@ -279,7 +277,10 @@ def decide_gland(
     count = _place_sub_grid(block, origin, h)
     noise = block.places.noise
     strands(texture, block.places, count)
-    if highest + noise[:count].max() <= paint.threshold:
+    most = noise[0]
+    for place in range(1, count):
+        most = max(most, noise[place])
+    if highest + most <= paint.threshold:
         return 0
     if n < 0:
         n = gather_lobules(texture, block, h, True, block.centre)
@@ -299,7 +300,7 @@ def decide_gland(
     return (2 if all_of_it else 1) if some else 0
 
 
-@kernel
+@merged_kernel
 def _place_sub_grid(block: Block, origin: NDArray[np.float64], h: float) -> int:
     """Places of a block's sub-grid that are wanted, in generator coordinates; how many."""
     wanted, at_mm, step, count = block.wanted, block.places.at_mm, h / SUB_STEPS, 0
