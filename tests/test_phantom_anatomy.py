@@ -93,7 +93,7 @@ def test_letters_and_a_percentage_of_ones_own():
         assert settings.target_percent == DENSITY_PERCENT[name]
     letter, name = (generate_phantom(key, 3.0, 1, volume_ml=120.0) for key in ("d", "dense"))
     np.testing.assert_array_equal(letter.labels, name.labels)
-    breast = generate_phantom("scattered", 1.0, 1, glandular_percent=30.0, volume_ml=150.0)
+    breast = generate_phantom("scattered", 1.0, 1, glandular_percent=30.0)
     assert phantom_summary(breast).fibroglandular_percent == pytest.approx(30.0, abs=1.0)
 
 
@@ -310,7 +310,7 @@ def test_threads_do_not_change_a_voxel_and_seeds_do():
 
 
 def test_the_anatomy_does_not_depend_on_the_voxel():
-    coarse, fine = (generate_phantom("c", voxel, 6, volume_ml=200) for voxel in (3.0, 1.0))
+    coarse, fine = (generate_phantom("c", voxel, 6, volume_ml=500) for voxel in (3.0, 1.0))
     index = np.argwhere(np.ones(coarse.labels.shape))
     at = fine.frame.index(coarse.frame.position_mm(index))
     inside = ((at > -0.5) & (at < np.array(fine.labels.shape) - 0.5)).all(axis=1)
