@@ -474,7 +474,7 @@ def test_no_two_breasts_have_the_same_shape():
     """Of one volume: the box around each pair differs somewhere, most by two coarse voxels."""
     outlines = []
     for seed in range(6):
-        breast = generate_outline(GenerateSettings(voxel_mm=4.0, volume_ml=600.0), seed)
+        breast = generate_phantom("b", 4.0, seed, volume_ml=600.0)
         index = np.argwhere(breast.labels != 0)
         low = breast.frame.position_mm(index.min(axis=0))
         high = breast.frame.position_mm(index.max(axis=0))
