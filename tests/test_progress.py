@@ -76,7 +76,8 @@ def test_plain_lines_say_once_a_stage_that_kernels_are_compiled(fresh_kernel, ca
     lines = [END.sub("ends", line) for line in capsys.readouterr().err.splitlines()]
     assert lines == [
         "LCC: compressing (20 %, ends)",
-        "LCC: compressing: compiling, once per machine, about a minute",
+        "LCC: compressing: compiling this stage's code, only in the first run on a machine, "
+        "about 30 s in all",
         "writing the report (100 %, ends)",
     ]
 

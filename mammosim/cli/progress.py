@@ -25,8 +25,9 @@ SECONDS_PER_LINE = 30.0
 SECONDS_PER_EVENT = 0.1
 """Between two rows of a solver's history that are reported to another program."""
 
-COMPILING = "compiling, once per machine, about a minute"
-"""45 s for the example on two cores, 25 to 30 s of it where the first view is compressed."""
+COMPILING_S = {"phantom": 30, "compression": 30, "projection": 6, "acquisition": 10}
+"""Seconds that a stage's kernels take to compile, all of them together: processor seconds measured
+for the quickstart beside other programs (42, 40, 8 and 14), over 1.4 for a quiet machine."""
 
 
 @contextmanager
@@ -46,17 +47,17 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
     with _moving_line() if err.is_terminal else nullcontext(_line_now_and_then()) as show:
         run = RunProgress(plan)
         where, began = "starting", monotonic()
-        explained = False
+        explained, compiling = False, _compiling_in_words("")
 
         def line() -> str:
             return f"{where} ({run.sentence(datetime.now())})"
 
         def on_progress(view: str, stage: str, row: Any) -> None:
-            nonlocal where, began, explained
+            nonlocal where, began, explained, compiling
             where = stage_in_words(view, stage)
             if row is None:
                 run.report(view, stage)
-                began, explained = monotonic(), False
+                began, explained, compiling = monotonic(), False, _compiling_in_words(stage)
                 show(line(), at_once=True)
             else:
                 numbers = f", {row_text(row, monotonic() - began)}" if verbose else ""
@@ -66,13 +67,20 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
             nonlocal explained
             if kernel is not None:
                 named = f": {kernel}" if verbose else ""
-                show(f"{where}: {COMPILING}{named}", at_once=not explained)
+                show(f"{where}: {compiling}{named}", at_once=not explained)
                 explained = True
             elif err.is_terminal:
                 show(line())
 
         with watch_compiling(on_compiling):
             yield on_progress
+
+
+def _compiling_in_words(stage: str) -> str:
+    """What is compiled in a stage, and how long that takes in all."""
+    seconds = COMPILING_S.get(stage)
+    lasts = "a few seconds" if seconds is None else f"about {seconds} s in all"
+    return f"compiling this stage's code, only in the first run on a machine, {lasts}"
 
 
 @contextmanager
