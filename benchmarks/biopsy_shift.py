@@ -10,10 +10,10 @@ with the plates' edge 15 (CC) and 10 mm (MLO) in front of the wall, or by spring
 default. Written are `shifts.csv`, one line per lesion and view, as soon as a breast is done (a
 second start computes only what is missing), `summary.json` and the picture. `along_mm` is as in
 lesions.csv, where both plates close on the middle of the breast; `from_support_mm` is the same seen
-from the breast support, on which the breast lies. With `--samples` instead: the time of that many
-samples of `targets.uncertainty` for the quickstart's breast in CC, compressed as there by elements
-of 3 mm, or by springs of 1 mm on a fixed wall with the same moduli; its lesions' ellipsoids; and
-shifts.npy, [sample, target, 3].
+from the breast support, on which the lowest tissue in front of the plates' edge lies. With
+`--samples` instead: the time of that many samples of `targets.uncertainty` for the quickstart's
+breast in CC, compressed as there by elements of 3 mm, or by springs of 1 mm on a fixed wall with
+the same moduli; its lesions' ellipsoids; and shifts.npy, [sample, target, 3].
 """
 
 from __future__ import annotations
@@ -27,9 +27,8 @@ from typing import Any
 
 import numpy as np
 
-from mammosim.compression import CompressionSettings, Sampler, compress
-from mammosim.compression.lattice import bounds_mm
-from mammosim.phantom import PhantomSettings, make_phantom
+from mammosim.compression import CompressedBreast, CompressionSettings, Sampler, compress
+from mammosim.phantom import BreastPhantom, PhantomSettings, as_held, make_phantom
 from mammosim.pipeline import load_config
 from mammosim.targets import (
     UncertaintySettings,
@@ -83,7 +82,7 @@ def shifts_of(
         compressed = compress(breast, view=view, model=model, **keys)
         moved = [mean_shift_mm(compressed.field, origin) for origin in origins]
         nothing = np.zeros(3)
-        raised = compressed.support_z_mm - bounds_mm(breast, compressed.view)[0][2]
+        raised = compressed.support_z_mm - lowest_mm(breast, compressed)
         for origin, shift in zip(origins[:-1], moved[:-1], strict=True):
             across_x, across_y, along = compressed.view.rotation @ shift
             missed = miss_mm(shift, moved[-1], nothing, nothing)
@@ -102,6 +101,14 @@ def shifts_of(
                 }
             )  # fmt: skip
     return rows
+
+
+def lowest_mm(breast: BreastPhantom, compressed: CompressedBreast) -> float:
+    """Height of the lowest tissue in front of the plates' edge at rest, compression frame."""
+    held = as_held(breast, compressed.view.rotation[1])
+    places = held.origin_mm + np.argwhere(held.labels) * held.voxel_mm
+    ahead = places[places[:, 0] > compressed.plate_edge_mm] @ compressed.view.rotation.T
+    return float(ahead[:, 2].min() - 0.5 * held.voxel_mm[0])
 
 
 def summary(rows: list[dict[str, float | str]]) -> dict[str, dict[str, float]]:
