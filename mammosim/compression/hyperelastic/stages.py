@@ -214,10 +214,20 @@ class Stages:
     def _finish(
         self, level: int, plates: Plates, u: NDArray[np.float64], before: Held, loose: bool
     ) -> State:
-        """State of one of the bodies from a displacement near it; `loose`: to start others from."""
+        """State of one of the bodies from a displacement near it; `loose`: to start others from.
+
+        Where folded elements do not unfold against the barrier of the mesh, they first do without.
+        """
+        body = self.bodies[level]
         if loose or level > 0:
-            return self._equilibrium(self.bodies[level], level, plates, u, LOOSE, before)
-        return self._equilibrium(self._steep, level, plates, u, self.tolerance, before)
+            return self._equilibrium(body, level, plates, u, LOOSE, before)
+        state = self._equilibrium(self._steep, level, plates, u, self.tolerance, before)
+        if state.converged or state.interrupted:
+            return state
+        state = self._equilibrium(body, level, plates, u, self.tolerance, before)
+        if not state.converged or state.value.smallest >= body.least_volume:
+            return state
+        return self._equilibrium(self._steep, level, plates, state.u, self.tolerance, before)
 
     def at_rest(self, plates: Plates) -> State:
         """The mesh before anything moves, between plates."""
