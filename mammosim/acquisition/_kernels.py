@@ -278,10 +278,10 @@ def present_kernel(
     """Add what the margin lacks, split the sum into base and detail, and show both as grey.
 
     `missing`, `rise`, `base` and `even` (0 beside strong steps, else 1) are coarse and interpolated
-    linearly. Detail is added to the base,
-    weak detail times the gain, and raised where the curve is flat; the curve's toe shows the sum,
-    and on its shoulder detail keeps a part of its contrast, weak detail most of it. The sum is bent
-    at white once more, so that nothing is clipped. Grey rises from black over the skin line.
+    linearly. Detail is added to the base, weak detail times the gain, and raised where the curve is
+    flat; the curve's toe shows the sum, and on its shoulder detail keeps a part of its contrast,
+    weak detail most of it. The sum is bent at white once more, so that nothing is clipped. Grey
+    rises from black over the skin line.
     """
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
     rows, columns = attenuation.shape

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from mammosim.compression.breast_elements import skin_of
 from mammosim.compression.compress import view_of_compressed
-from mammosim.compression.hyperelastic_model import skin_of
 from mammosim.compression.lattice import Lattice, build_lattice
 from mammosim.compression.model import MODELS
 from mammosim.compression.plates import (

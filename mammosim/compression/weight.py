@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim.compression.breast_elements import elements_of
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.hyperelastic.mesh import Mesh
 from mammosim.compression.hyperelastic.newton import State
 from mammosim.compression.hyperelastic.stages import HISTORY, Stages
-from mammosim.compression.hyperelastic_model import elements_of, field_of
+from mammosim.compression.hyperelastic_model import field_of
 from mammosim.compression.plates import Plates
 from mammosim.compression.settings import CompressionSettings
 from mammosim.compression.spring_case import DOWN

@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim._jit import Thread, parallel_kernel, share
-from mammosim.projection._grid_kernels import Floats, Labels, Nodes, value_on_plane
-
-Words = NDArray[np.uint64]
+from mammosim.projection._grid_kernels import Floats, Labels, Nodes, Words, value_on_plane
 
 _BITS, _NO_SHARE = np.uint64(4), np.uint64(0)
 _ONE = np.uint64(1)

@@ -18,6 +18,7 @@ from mammosim._jit import Thread, kernel, parallel_kernel, share
 Floats = NDArray[np.float64]
 Labels = NDArray[np.uint8]
 Nodes = NDArray[np.float32]
+Words = NDArray[np.uint64]
 
 Place = tuple[float, float, float, float]
 """A fractional voxel x, y, z and the density there."""

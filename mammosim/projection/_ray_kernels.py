@@ -15,10 +15,9 @@ from mammosim.projection._grid_kernels import (
     Labels,
     Nodes,
     Place,
+    Words,
     value_on_plane,
 )
-
-Words = NDArray[np.uint64]
 
 LABELS_PER_WORD = 8
 """Labels that are looked at together, as one 64-bit word of a little-endian machine."""

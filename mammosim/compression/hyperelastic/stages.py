@@ -129,7 +129,6 @@ class Stages:
             if np.count_nonzero(coarse.nodes) < MIN_NODES:
                 break
             self.bodies.append(coarse)
-        self._steep = replace(mesh.body, least_volume=STEEP)
         reach = EDGE_REACH * EDGE_RADIUS_MM
         near = np.array([edge_mm - reach, edge_mm + depth_mm + reach])
         self.points = [
@@ -221,13 +220,14 @@ class Stages:
         body = self.bodies[level]
         if loose or level > 0:
             return self._equilibrium(body, level, plates, u, LOOSE, before)
-        state = self._equilibrium(self._steep, level, plates, u, self.tolerance, before)
+        steep = replace(body, least_volume=STEEP)
+        state = self._equilibrium(steep, level, plates, u, self.tolerance, before)
         if state.converged or state.interrupted:
             return state
         state = self._equilibrium(body, level, plates, u, self.tolerance, before)
         if not state.converged or state.value.smallest >= body.least_volume:
             return state
-        return self._equilibrium(self._steep, level, plates, state.u, self.tolerance, before)
+        return self._equilibrium(steep, level, plates, state.u, self.tolerance, before)
 
     def at_rest(self, plates: Plates) -> State:
         """The mesh before anything moves, between plates."""
@@ -244,7 +244,6 @@ class Stages:
         weightless.bodies = [
             replace(body, structure=replace(body.structure, mass=None)) for body in self.bodies
         ]
-        weightless._steep = replace(weightless.bodies[0], least_volume=STEEP)
         return weightless
 
     def _close(self, level: int, plates: Plates) -> State:

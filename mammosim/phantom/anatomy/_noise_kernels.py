@@ -24,13 +24,17 @@ def lattice_hash(i: int, j: int, k: int, key: int) -> int:
     return h ^ (h >> 15)
 
 
+@merged_kernel
+def _gradient(i: int, j: int, k: int, key: int) -> tuple[float, float, float]:
+    """Gradient of the noise at a lattice point, in units of `SCALE`."""
+    h = lattice_hash(i, j, k, key)
+    return (h & 1023) - 511.5, ((h >> 10) & 1023) - 511.5, ((h >> 20) & 1023) - 511.5
+
+
 @kernel
 def _corner(i: int, j: int, k: int, key: int, x: float, y: float, z: float) -> float:
-    h = lattice_hash(i, j, k, key)
-    return (
-        ((h & 1023) - 511.5) * x + (((h >> 10) & 1023) - 511.5) * y
-        + (((h >> 20) & 1023) - 511.5) * z
-    ) * SCALE  # fmt: skip
+    gx, gy, gz = _gradient(i, j, k, key)
+    return (gx * x + gy * y + gz * z) * SCALE
 
 
 @merged_kernel
@@ -89,11 +93,9 @@ def add_noise(
             for a in range(size[0]):
                 for b in range(ny):
                     for c in range(nz):
-                        h = lattice_hash(first[0] + a, first[1] + b, first[2] + c, key)
+                        gx, gy, gz = _gradient(first[0] + a, first[1] + b, first[2] + c, key)
                         at = (a * ny + b) * nz + c
-                        gradients[at, 0] = (h & 1023) - 511.5
-                        gradients[at, 1] = ((h >> 10) & 1023) - 511.5
-                        gradients[at, 2] = ((h >> 20) & 1023) - 511.5
+                        gradients[at, 0], gradients[at, 1], gradients[at, 2] = gx, gy, gz
         at = ((i - first[0]) * ny + j - first[1]) * nz + k - first[2]
         total[n] += amplitude * _between(gradients, at, ny, nz, x - i, y - j, z - k)
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.geometry import VoxelFrame
-from mammosim.phantom.anatomy._block_kernels import Lattice
 from mammosim.phantom.anatomy.axilla import Axilla, along_mm
+from mammosim.phantom.anatomy.finding_bodies import Ball, Fold, Vector
 from mammosim.phantom.anatomy.outline import mesh
 from mammosim.phantom.anatomy.settings import GenerateSettings
 from mammosim.phantom.anatomy.tubes import Tubes, value_at
@@ -26,9 +26,6 @@ NODE_MM, NODE_LONG = (2.5, 5.5), (1.2, 2.2)
 """Half the width of a node, mm, and its length against it: nodes of up to about a centimetre in
 width are normal. Assumed."""
 
-SPREAD = 1.2207440846057596
-"""Root of g^4 = g + 1: the multiples of its inverse powers spread evenly in three dimensions."""
-
 PLAQUES, FREE_SHARE, PLAQUE_MM, PLAQUE_SPREAD = 3.0, 0.35, 0.35, 0.6
 """Mean number of plaques per piece of a calcified artery, share of pieces without any, and half a
 plaque's length: median, mm, and spread of its logarithm. Chosen by eye: tracks are broken, and
@@ -38,63 +35,6 @@ VASCULAR_SHARE, OTHER_SHARE = 0.079, 0.15
 """Share of breasts with calcified arteries, of 6156 consecutive women (7.9 per cent:
 PubMed 16890393, "Mammographically detected breast arterial calcifications"), and with other benign
 calcifications (assumed)."""
-
-Vector = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Ball:
-    """An ellipsoid.
-
-    Parameters
-    ----------
-    centre_mm : ndarray, (3,)
-    axes_mm : ndarray, (3,)
-        Half-axes.
-    turn : ndarray, (3, 3)
-        Rows: directions of the half-axes.
-    tissue : str
-    into : tuple of str
-        Tissues that it replaces; if empty, any but air, skin, nipple and muscle.
-    """
-
-    centre_mm: Vector
-    axes_mm: Vector
-    turn: NDArray[np.float64]
-    tissue: str
-    into: tuple[str, ...] = ()
-
-    @property
-    def reach_mm(self) -> float:
-        """Greatest distance of a point of it from its centre, mm."""
-        return float(self.axes_mm.max())
-
-
-@dataclass(frozen=True, eq=False)
-class Fold:
-    """A fold of skin that is pressed together: two layers of skin that reach into the breast.
-
-    Parameters
-    ----------
-    centre_mm : ndarray, (3,)
-        On the skin.
-    along, across, inward : ndarray, (3,)
-        Unit vectors: of its line on the skin, across it, and into the breast.
-    half_length_mm, depth_mm, half_width_mm : float
-    """
-
-    centre_mm: Vector
-    along: Vector
-    across: Vector
-    inward: Vector
-    half_length_mm: float
-    depth_mm: float
-    half_width_mm: float
-
-    @property
-    def reach_mm(self) -> float:
-        """Distance from its centre within which it lies, mm."""
-        return float(np.hypot(self.half_length_mm, self.depth_mm))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,78 +83,6 @@ def draw_findings(
     for _ in range(settings.moles):
         found += _mole(site, rng)
     return found
-
-
-def paint_findings(
-    labels: NDArray[np.uint8],
-    lattice: Lattice,
-    findings: list[Ball | Fold],
-) -> None:
-    """Paint findings; a partly filled voxel is filled or not, so that the mean is right.
-
-    Which are filled is spread evenly: plaques thinner than a voxel would else fall into stripes.
-    """
-    axes = (lattice.x_mm, lattice.lateral_mm, lattice.superior_mm)
-    voxel = float(axes[0][1] - axes[0][0])
-    for one in findings:
-        reach = one.reach_mm + voxel
-        ends = [np.searchsorted(axis, one.centre_mm[n] + [-reach, reach])
-                for n, axis in enumerate(axes)]  # fmt: skip
-        box = tuple(slice(int(first), int(last)) for first, last in ends)
-        if any(part.start == part.stop for part in box):
-            continue
-        grid = np.stack(np.meshgrid(*(axis[p] for axis, p in zip(axes, box, strict=True)),
-                                    indexing="ij"), axis=-1) - one.centre_mm  # fmt: skip
-        part = labels[box]
-        if isinstance(one, Ball):
-            fill = _ball_fill(one, grid, voxel)
-            allowed = _allowed(one.into, part)
-            label = TISSUES[one.tissue].label
-        else:
-            fill = _fold_fill(one, grid, voxel)
-            allowed = part != 0
-            label = TISSUES["skin"].label
-        part[allowed & (_even_lots(box) < fill)] = label
-
-
-def _even_lots(box: tuple[slice, ...]) -> NDArray[np.float64]:
-    """Number from 0 to 1 of each voxel in a box: of few voxels in any row, evenly spread.
-
-    The additive sequence of the plastic number's counterpart in three dimensions, the root of
-    g^4 = g + 1.
-    """
-    steps = [SPREAD ** -(axis + 1) * np.arange(p.start, p.stop) for axis, p in enumerate(box)]
-    along, across, up = np.ix_(*steps)
-    lots: NDArray[np.float64] = (along + across + up) % 1.0
-    return lots
-
-
-def _allowed(into: tuple[str, ...], part: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    if into:
-        return np.isin(part, [TISSUES[name].label for name in into])
-    return ~np.isin(part, [TISSUES[name].label for name in ("air", "skin", "nipple", "muscle")])
-
-
-def _ball_fill(ball: Ball, grid: NDArray[np.float64], voxel_mm: float) -> NDArray[np.float64]:
-    """Part of each voxel that a body fills: to first order, with its volume kept."""
-    seen = grid @ ball.turn.T / ball.axes_mm
-    radius = np.linalg.norm(seen, axis=-1)
-    least = float(ball.axes_mm.min())
-    depth_mm = (1.0 - radius) * np.maximum(least, 0.5 * voxel_mm)
-    fill = np.clip(depth_mm / voxel_mm + 0.5, 0.0, 1.0)
-    wanted = 4.0 / 3.0 * np.pi * float(ball.axes_mm.prod()) / voxel_mm**3
-    total = float(fill.sum())
-    return fill * min(wanted / total, 1.0) if total > 0.0 else fill
-
-
-def _fold_fill(fold: Fold, grid: NDArray[np.float64], voxel_mm: float) -> NDArray[np.float64]:
-    along, across, inward = (grid @ unit for unit in (fold.along, fold.across, fold.inward))
-    place = np.clip(along / fold.half_length_mm, -1.0, 1.0)
-    bow = 0.12 * fold.half_length_mm * (place**2 - 0.3)
-    depth = fold.depth_mm * (1.0 - place**2)
-    beside = np.clip((fold.half_width_mm - np.abs(across - bow)) / voxel_mm + 0.5, 0.0, 1.0)
-    fill: NDArray[np.float64] = beside * np.clip((depth - inward) / voxel_mm + 0.5, 0.0, 1.0)
-    return fill * (np.abs(along) < fold.half_length_mm)
 
 
 def _unit(vector: Vector) -> Vector:

@@ -31,7 +31,8 @@ from mammosim.phantom.anatomy.body import (
     streams_of_woman,
 )
 from mammosim.phantom.anatomy.ducts import grow_ducts
-from mammosim.phantom.anatomy.findings import Ball, Fold, Site, draw_findings, paint_findings
+from mammosim.phantom.anatomy.finding_bodies import Ball, Fold, paint_findings
+from mammosim.phantom.anatomy.findings import Site, draw_findings
 from mammosim.phantom.anatomy.keys import OtherGenerateKeys
 from mammosim.phantom.anatomy.lobules import (
     FINE_MM,

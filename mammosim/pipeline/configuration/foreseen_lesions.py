@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from mammosim.errors import InputError
-from mammosim.phantom import BreastPhantom, Lesion, PhantomSettings, box_text, plan_lesions
+from mammosim.phantom import (
+    BreastPhantom,
+    Lesion,
+    PhantomSettings,
+    PlannedLesion,
+    box_text,
+    plan_lesions,
+)
 from mammosim.targets import UncompressedTarget, target_origins
 from mammosim.tissues import LESION_LABELS
 
@@ -50,8 +57,9 @@ def with_lesions(phantom: PhantomSettings, outline: BreastPhantom) -> BreastPhan
     """
     depth_mm = _voxel_depth_mm(outline)
     error_mm = _OUTLINE_ERROR * float(outline.voxel_mm.max())
+    planned = plan_lesions(phantom.lesions)
     problems, notes, lesions = [], [], []
-    for key, number, name, position, size_mm in _places(phantom):
+    for key, number, name, position, size_mm in _places(phantom, planned):
         centre, radius = np.array(position), 0.5 * size_mm
         start = f"phantom.{key}.{number}: '{name}' at {list(position)} mm"
         depth = _depth_mm(outline, depth_mm, centre)
@@ -68,7 +76,7 @@ def with_lesions(phantom: PhantomSettings, outline: BreastPhantom) -> BreastPhan
                 f"{start} reaches beyond the breast, or nearly so, {BY_OUTLINE}; the run refuses "
                 "it if it does"
             )
-    for entry, label in zip(plan_lesions(phantom.lesions), LESION_LABELS, strict=False):
+    for entry, label in zip(planned, LESION_LABELS, strict=False):
         keys = entry.settings
         if keys.position_mm is not None:
             centre, volume = np.array(keys.position_mm), math.pi / 6.0 * entry.size_mm**3
@@ -79,10 +87,10 @@ def with_lesions(phantom: PhantomSettings, outline: BreastPhantom) -> BreastPhan
 
 
 def _places(
-    phantom: PhantomSettings,
+    phantom: PhantomSettings, planned: Iterable[PlannedLesion]
 ) -> Iterator[tuple[str, int, str, tuple[float, float, float], float]]:
     """Key, number, name, position and size of each lesion and landmark whose position is given."""
-    for number, entry in enumerate(plan_lesions(phantom.lesions)):
+    for number, entry in enumerate(planned):
         if entry.settings.position_mm is not None:
             yield "lesions", number, entry.name, entry.settings.position_mm, entry.size_mm
     for number, mark in enumerate(phantom.landmarks):
