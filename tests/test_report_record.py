@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import subprocess
+import sys
 from importlib.metadata import version
 
 import numpy
@@ -81,6 +83,23 @@ def test_peak_memory_is_in_megabytes(folder):
     peak = record(folder)["peak_memory_mb"]
     del touched
     assert 300 <= peak < 100_000
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="told by Linux only")
+def test_the_peak_is_not_that_of_the_program_which_started_this_one(tmp_path):
+    """A worker of a cohort that a large session starts is not as large as the session was."""
+    touched = numpy.ones(1_500_000_000, numpy.uint8)
+    words = (
+        "from mammosim.report import run_record;"
+        f"made = run_record({str(tmp_path)!r}, status='done', seed=1, settings={{}},"
+        " stage_seconds={});"
+        "print(made['peak_memory_mb'])"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", words], capture_output=True, text=True, check=True
+    ).stdout
+    del touched
+    assert 20 <= float(told) < 1_000
 
 
 def test_a_package_that_is_missing_is_said_to_be_so(folder, monkeypatch):
