@@ -177,8 +177,12 @@ def _threaded(
 
     @wraps(compiled)
     def run(*arguments: Any, **named: Any) -> list[Any]:
-        threads = 1 if numba.config.DISABLE_JIT else numba.get_num_threads()
-        if threads == 1 or _bytes_of(arguments, named) <= smallest_bytes:
+        # Asking for the number of threads takes longer than a kernel does on a small array.
+        alone = numba.config.DISABLE_JIT or numba.config.NUMBA_NUM_THREADS == 1
+        if alone or (smallest_bytes > 0 and _bytes_of(arguments, named) <= smallest_bytes):
+            return [compiled((0, 1, due, step), *arguments, **named) for due in range(step)]
+        threads = numba.get_num_threads()
+        if threads == 1:
             return [compiled((0, 1, due, step), *arguments, **named) for due in range(step)]
         returned: list[Any] = []
         for due in range(step):

@@ -178,10 +178,10 @@ def test_blocks_that_are_not_definite_or_partly_empty_are_inverted_as_defined():
 
 
 def test_held_displacements_leave_neither_row_nor_column():
-    stencil, _ = random_stencil()
+    stencil, span = random_stencil()
     free = (np.random.default_rng(6).uniform(size=(3, *SHAPE)) > 0.3).astype(np.float32)
     expected = naive.dense(stencil) * np.outer(free.ravel(), free.ravel())
-    blocks.hold(stencil, free)
+    blocks.hold(stencil, span, free)
     np.testing.assert_array_equal(naive.dense(stencil), expected)
 
 

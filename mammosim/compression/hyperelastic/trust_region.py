@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from mammosim.compression.multigrid import (
     Multigrid,
     Truncated,
     Workspace,
+    clear,
     hold,
     truncated_gradients,
 )
@@ -75,7 +76,7 @@ class _Search:
 
     `exact` says which tangent is used, `radius` is that of the trust region in the norm of the
     V-cycle, `before` mean and largest displacement of the last full step, `force` the force's norm
-    before it, `eigenvalues` the levels' largest for either tangent.
+    before it.
     """
 
     workspace: Workspace
@@ -83,7 +84,6 @@ class _Search:
     radius: float = np.inf
     before: tuple[float, float] | None = None
     force: float = 0.0
-    eigenvalues: dict[bool, list[float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,18 +172,22 @@ def _direction(
     if search.exact and search.force > 0.0:
         reduction = min(MAX_FORCING_TERM, max(TIGHTEST, 0.9 * (norm / search.force) ** 2))
     search.force = norm
+    eigenvalues = search.workspace.eigenvalues
     while True:
+        kind = u.shape, search.exact
+        known = eigenvalues.get(kind)
         level = _tangent(body, contact, u, float(search.exact), search.workspace)
-        known = search.eigenvalues.get(search.exact)
         multigrid = Multigrid(level, search.workspace, known)
-        search.eigenvalues[search.exact] = multigrid.eigenvalues
+        eigenvalues[kind] = multigrid.eigenvalues
         force = (-value.force).astype(np.float32)
         radius = search.radius if search.exact else UNBOUNDED
         model = truncated_gradients(multigrid, force, radius, reduction, MAX_CYCLES)
-        if not search.exact or (model.definite and model.ritz > WORST_CURVATURE):
+        if model.definite and (not search.exact or model.ritz > WORST_CURVATURE):
+            return model
+        eigenvalues.pop(kind)
+        if not search.exact and known is None:
             return model
         search.exact = False
-        search.eigenvalues.pop(True)
 
 
 def _tangent(
@@ -195,11 +199,12 @@ def _tangent(
 ) -> BlockLevel:
     """Tangent stiffness; with `geometric` 0 without the terms that may be negative."""
     shape = u.shape[1:]
-    stencil = workspace.array("stencil", (shape[0], shape[1], 126, shape[2]))
-    stencil.fill(0.0)
+    # Of the tangents only: what lies outside the nodes' rows is never written, and stays empty.
+    stencil = workspace.array("tangent", (shape[0], shape[1], 126, shape[2]))
+    clear(stencil, body.node_span)
     body.add_tangent(u, geometric, stencil)
     contact.add_stiffness(u, geometric, stencil)
-    hold(stencil, body.free)
+    hold(stencil, body.node_span, body.free)
     return BlockLevel.of(stencil, body.node_span, workspace)
 
 

@@ -1,6 +1,6 @@
 """Geometric multigrid for lattices, as a preconditioner of conjugate gradients, of every model."""
 
-from mammosim.compression.multigrid.block_level import BlockLevel, hold
+from mammosim.compression.multigrid.block_level import BlockLevel, clear, hold
 from mammosim.compression.multigrid.conjugate_gradients import (
     ErrorBelow,
     ResidualBelow,
@@ -28,6 +28,7 @@ __all__ = [
     "Truncated",
     "Workspace",
     "add_interpolated",
+    "clear",
     "coarse_shape",
     "conjugate_gradients",
     "hold",

@@ -80,10 +80,29 @@ def _invert_block(block, out):
 
 
 @sized_kernel
-def hold(thread, stencil, free):
-    """Empty the rows and columns of held displacements; `free` is [3, x, y, z], 1 or 0."""
+def clear(thread, span, out_stencil):
+    """Empty the part of a stencil that `span` holds."""
+    for i in share(thread, 0, out_stencil.shape[0]):
+        for j in range(out_stencil.shape[1]):
+            first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
+            if first < last:
+                for entry in range(out_stencil.shape[2]):
+                    row = out_stencil[i, j, entry]
+                    for k in range(first, last):
+                        row[k] = np.float32(0.0)
+
+
+@sized_kernel
+def hold(thread, stencil, span, free):
+    """Empty the rows and columns of held displacements; `free` is [3, x, y, z], 1 or 0.
+
+    Nothing couples nodes outside `span`.
+    """
     for i in share(thread, 1, free.shape[1] - 1):
         for j in range(1, free.shape[2] - 1):
+            first, last = np.uint64(span[i, j, 0]), np.uint64(span[i, j, 1])
+            if first >= last:
+                continue
             for offset in range(14):
                 flat = offset + 13
                 di, dj, shift = flat // 9 - 1, (flat // 3) % 3 - 1, np.uint64(flat % 3)
@@ -91,30 +110,47 @@ def hold(thread, stencil, free):
                     own = free[r, i, j]
                     for c in range(free.shape[0]):
                         other, row = free[c, i + di, j + dj], stencil[i, j, 9 * offset + 3 * r + c]
-                        for k in range(_ONE, np.uint64(row.size - 1)):
+                        for k in range(first, last):
                             row[k] *= own[k] * other[k + shift - _ONE]
 
 
 @sized_kernel
 def galerkin_of_blocks(thread, stencil, span, out):
-    """Stencil of ``P^T A P`` on the next coarse level, P being trilinear in each displacement."""
+    """Stencil of ``P^T A P`` on the next coarse level, P being trilinear in each displacement.
+
+    Of the fine rows around a coarse one, only what lies within their spans is summed.
+    """
     entries = stencil.shape[2] // 14
     for i in share(thread, 1, out.shape[0] - 1):
-        half = np.empty((243, stencil.shape[3]), np.float32)
-        row = np.zeros((9, stencil.shape[3]), np.float32)
+        half = np.empty(243 * stencil.shape[3], np.float32)
+        row = np.empty(9 * stencil.shape[3], np.float32)
         for j in range(1, out.shape[1] - 1):
-            half[:] = np.float32(0.0)
-            touched = False
+            begin, end = _fine_window(span, i, j)
+            if begin >= end:
+                continue
+            for k in range(np.uint64(243 * (end - begin))):
+                half[k] = np.float32(0.0)
             for ti in range(-1, 2):
                 for tj in range(-1, 2):
                     fi, fj = 2 * i - 1 + ti, 2 * j - 1 + tj
                     if not (0 < fi < stencil.shape[0] - 1 and 0 < fj < stencil.shape[1] - 1):
                         continue
                     if span[fi, fj, 0] < span[fi, fj, 1]:
-                        touched = True
-                        _collapse_columns(stencil, entries, fi, fj, ti, tj, row, half)
-            if touched:
-                _collapse_row(half, entries, out[i, j])
+                        _collapse_columns(
+                            stencil, entries, fi, fj, ti, tj, begin, end - begin, row, half
+                        )
+            _collapse_row(half, entries, begin, end, out[i, j])
+
+
+@merged_kernel
+def _fine_window(span, i, j):
+    """First and one past the last z index used in the nine fine rows around a coarse one."""
+    begin, end = span.dtype.type(2**30), span.dtype.type(0)
+    for fi in range(2 * i - 2, min(2 * i + 1, span.shape[0] - 1)):
+        for fj in range(2 * j - 2, min(2 * j + 1, span.shape[1] - 1)):
+            if span[fi, fj, 0] < span[fi, fj, 1]:
+                begin, end = min(begin, span[fi, fj, 0]), max(end, span[fi, fj, 1])
+    return begin, end
 
 
 @merged_kernel
@@ -124,17 +160,16 @@ def _weight(reach, step):
 
 
 @merged_kernel
-def _collapse_columns(stencil, entries, fi, fj, ti, tj, row, half):
+def _collapse_columns(stencil, entries, fi, fj, ti, tj, begin, size, row, half):
     """Add one fine row's part to the coarse neighbours (dx, dy), still fine along z.
 
-    ``half[27 (3 (dx+1) + (dy+1)) + 9 (dz+1) + 3 r + c, k]``.
+    Both buffers are flat, `size` numbers from z = `begin` on for each entry of a block: ``row[3 r +
+    c]``, ``half[27 (3 (dx+1) + (dy+1)) + 9 (dz+1) + 3 r + c]``. So nine short loops are one.
     """
     own = (1.0 - 0.5 * abs(ti)) * (1.0 - 0.5 * abs(tj))
-    # Rows of a block follow each other: nine short loops are one.
-    size, target, source = row.shape[1], half.reshape(half.size), row.reshape(row.size)
     for flat in range(27):
         di, dj = flat // 9 - 1, (flat // 3) % 3 - 1
-        _block_row(stencil, entries, fi, fj, flat, row)
+        _block_row(stencil, entries, fi, fj, flat, begin, size, row)
         for step_x in range(-1, 2):
             for step_y in range(-1, 2):
                 weight = np.float32(own * _weight(ti + di, step_x) * _weight(tj + dj, step_y))
@@ -142,31 +177,30 @@ def _collapse_columns(stencil, entries, fi, fj, ti, tj, row, half):
                     first = 27 * (3 * (step_x + 1) + step_y + 1) + 9 * (flat % 3)
                     start = np.uint64(first * size)
                     for k in range(np.uint64(0), np.uint64(entries * size)):
-                        target[start + k] += weight * source[k]
+                        half[start + k] += weight * row[k]
 
 
 @merged_kernel
-def _block_row(stencil, entries, i, j, flat, out):
-    """Blocks that couple a row of nodes to its neighbours `flat` of 27, ``out[3 r + c, k]``."""
-    last = np.uint64(out.shape[1] - 1)
+def _block_row(stencil, entries, i, j, flat, begin, size, out):
+    """Blocks that couple part of a row of nodes to its neighbours `flat` of 27."""
+    first = np.uint64(begin)
     for entry in range(entries):
-        r, c = entry // 3, entry % 3
-        target = out[entry]
+        r, c, start = entry // 3, entry % 3, np.uint64(entry * size)
         if flat >= 13:
             source = stencil[i, j, 9 * (flat - 13) + entry]
-            for k in range(_ONE, last):
-                target[k] = source[k]
+            for k in range(np.uint64(0), np.uint64(size)):
+                out[start + k] = source[first + k]
         else:
             di, dj, shift = flat // 9 - 1, (flat // 3) % 3 - 1, np.uint64(flat % 3)
             source = stencil[i + di, j + dj, 9 * (13 - flat) + 3 * c + r]
-            for k in range(_ONE, last):
-                target[k] = source[k + shift - _ONE]
+            for k in range(np.uint64(0), np.uint64(size)):
+                out[start + k] = source[first + k + shift - _ONE]
 
 
 @merged_kernel
-def _collapse_row(half, entries, out):
+def _collapse_row(half, entries, begin, end, out):
     """Sum over fine z; store the 14 blocks of one coarse row, ``out[9 o + e, k]``."""
-    fine = half.shape[1]
+    size = end - begin
     for column in range(9):
         for reach in range(3):
             for step in range(3):
@@ -177,13 +211,12 @@ def _collapse_row(half, entries, out):
                     weight = np.float32((1.0 - 0.5 * abs(t)) * _weight(t + reach - 1, step - 1))
                     if weight == 0.0:
                         continue
+                    lowest, beyond = (begin + 2 - t) // 2, (end + 2 - t) // 2
                     for entry in range(entries):
-                        source = half[27 * column + 9 * reach + entry]
+                        start = (27 * column + 9 * reach + entry) * size - begin
                         target = out[9 * offset + entry]
-                        for k in range(1, out.shape[1] - 1):
-                            place = 2 * k - 1 + t
-                            if 0 < place < fine - 1:
-                                target[k] += weight * source[place]
+                        for k in range(lowest, beyond):
+                            target[k] += weight * half[start + 2 * k - 1 + t]
 
 
 @contracting_kernel

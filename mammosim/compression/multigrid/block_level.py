@@ -153,17 +153,32 @@ def bundles_of(
     return Bundles(span, start, copy)
 
 
-def hold(stencil: NDArray[np.float32], free: NDArray[np.float32]) -> None:
+def clear(stencil: NDArray[np.float32], span: NDArray[np.int32]) -> None:
+    """Empty the part of a stencil that is used.
+
+    Parameters
+    ----------
+    stencil : ndarray of float32, [x, y, 126, z]
+        It is changed.
+    span : ndarray of int32, [x, y, 2]
+        First and one past the last z index that is used.
+    """
+    blocks.clear(span, stencil)
+
+
+def hold(stencil: NDArray[np.float32], span: NDArray[np.int32], free: NDArray[np.float32]) -> None:
     """Empty the rows and columns of held displacements.
 
     Parameters
     ----------
     stencil : ndarray of float32, [x, y, 126, z]
         It is changed.
+    span : ndarray of int32, [x, y, 2]
+        First and one past the last z index that is used.
     free : ndarray of float32, [3, x, y, z]
         1 where a displacement moves, else 0.
     """
-    blocks.hold(stencil, free)
+    blocks.hold(stencil, span, free)
 
 
 def _factorised(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,9 +11,13 @@ Field = NDArray[np.floating]
 
 
 class Workspace:
-    """Arrays that hierarchies of one lattice share, since only one of them works at a time."""
+    """Arrays that hierarchies of one lattice share, since only one of them works at a time.
+
+    `eigenvalues` holds the levels' largest of hierarchies that are much alike, by what they share.
+    """
 
     def __init__(self) -> None:
+        self.eigenvalues: dict[Hashable, list[float]] = {}
         self._arrays: dict[tuple[str, tuple[int, ...]], Field] = {}
 
     def array(self, name: str, shape: tuple[int, ...]) -> Field:
