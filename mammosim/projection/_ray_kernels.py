@@ -15,17 +15,18 @@ from mammosim.projection._grid_kernels import (
     Labels,
     Nodes,
     Place,
-    Words,
     value_on_plane,
 )
 
-LABELS_PER_WORD = 8
-"""Labels that are looked at together, as one 64-bit word of a little-endian machine."""
+LABELS = 256
+"""How many labels there are."""
 
 _SKIN = 1e-6
 """Part of a voxel by which the array is taken smaller on each side, against rounding."""
-_NO_BIT, _ONE = np.uint64(0), np.uint64(1)
-_EACH_BYTE, _HIGHEST_OF_BYTES = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
+
+Axis = tuple[float, float, int]
+"""Of an axis, along a segment: where it leaves its voxel, the way through one, and the step in
+the array to the next, which is signed."""
 
 
 class Beam(NamedTuple):
@@ -48,17 +49,16 @@ class Beam(NamedTuple):
 
 
 class Voxels(NamedTuple):
-    """The phantom's labels, run together, and the channel that each label is added to.
+    """The phantom's labels, run together, and what they are added to.
 
-    Labels that are not wanted go to a channel behind the last. `words` is the same memory, eight
-    labels a word (the rest that fills no word left out).
+    `wanted` are the labels whose lengths are asked for, `channel_of_label` the channel of each.
     """
 
     labels: Labels
-    words: Words
     size_x: int
     size_y: int
     size_z: int
+    wanted: NDArray[np.int64]
     channel_of_label: NDArray[np.int64]
 
 
@@ -80,13 +80,13 @@ def trace(
     """
     channels, rows, columns = out_length.shape
     for turn in share(thread, 0, band_order.size):
-        sums = np.zeros((channels + 1, 2))
+        shares, sums = np.zeros((3, LABELS)), np.zeros((channels, 2))
         first = band_order[turn] * band_rows
         for column in range(columns):
             for row in range(first, min(first + band_rows, rows)):
                 slope_u = (beam.column_u[column] - beam.spot_u) / beam.planes_to_detector[row]
                 slope_v = (beam.row_v[row] - beam.spot_v) / beam.planes_to_detector[row]
-                if not _ray(slope_u, slope_v, beam, nodes, voxels, sums):
+                if not _ray(slope_u, slope_v, beam, nodes, voxels, shares, sums):
                     continue
                 for channel in range(channels):
                     if sums[channel, 0] > 0.0:
@@ -97,9 +97,10 @@ def trace(
 
 @kernel
 def _ray(
-    slope_u: float, slope_v: float, beam: Beam, nodes: Nodes, voxels: Voxels, sums: Floats
-) -> bool:
-    """Add one ray's lengths to `sums`; tell whether it met the breast's surroundings at all.
+    slope_u: float, slope_v: float, beam: Beam, nodes: Nodes, voxels: Voxels, shares: Floats,
+    sums: Floats,
+) -> bool:  # fmt: skip
+    """Add one ray's lengths to `sums`; tell whether it came near the breast at all.
 
     On plane k the ray is at u = spot_u + slope_u (spot_k - k), and so for v.
     """
@@ -118,8 +119,12 @@ def _ray(
             nodes, beam.spot_u + slope_u * height, beam.spot_v + slope_v * height, k
         )
         if not (math.isnan(here[0]) or math.isnan(before[0])):
-            _segment(before, here, length, voxels, sums)
-            met = True
+            t_in, t_out = _inside(before[2], here[2], voxels.size_z, 0.0, 1.0)
+            t_in, t_out = _inside(before[0], here[0], voxels.size_x, t_in, t_out)
+            t_in, t_out = _inside(before[1], here[1], voxels.size_y, t_in, t_out)
+            if t_in < t_out:
+                _segment(before, here, t_in, t_out, length, voxels, shares, sums)
+                met = True
         before = here
     return met
 
@@ -137,90 +142,77 @@ def _within(
 
 
 @kernel
-def _segment(start: Place, end: Place, length: float, voxels: Voxels, sums: Floats) -> None:
+def _segment(
+    start: Place, end: Place, t_in: float, t_out: float, length: float, voxels: Voxels,
+    shares: Floats, sums: Floats,
+) -> None:  # fmt: skip
     """Add a straight segment's lengths, voxel by voxel, to the channels of the voxels' labels.
 
-    `length` is the segment's length in the compressed breast, mm. Traversal of Amanatides and Woo
-    1987 (Eurographics): `t_x`, `t_y` are where the segment, run over t = 0 to 1, leaves the column
-    of voxels along z that it is in; the smaller comes next, and until then it goes through the
-    column from voxel `z` to `z_next`. Voxels of one label in a row are added at once.
+    `length` is the segment's length in the compressed breast, mm, run over t = 0 to 1; from `t_in`
+    to `t_out` it is within the array. Traversal of Amanatides and Woo 1987 (Eurographics), but by
+    slabs of voxels across the axis along which the segment is longest.
     """
-    t_in, t_out = _inside(start[2], end[2], voxels.size_z, 0.0, 1.0)
-    if not t_in < t_out:
-        return
-    t_in, t_out = _inside(start[0], end[0], voxels.size_x, t_in, t_out)
-    t_in, t_out = _inside(start[1], end[1], voxels.size_y, t_in, t_out)
-    if not t_in < t_out:
-        return
     x, t_x, delta_x, step_x = _enter(start[0], end[0], voxels.size_x, t_in)
     y, t_y, delta_y, step_y = _enter(start[1], end[1], voxels.size_y, t_in)
-    change_z = end[2] - start[2]
-    z = int(start[2] + t_in * change_z)
-    step_x *= voxels.size_y * voxels.size_z
-    step_y *= voxels.size_z
-    column = (x * voxels.size_y + y) * voxels.size_z
-    weighted = 0.5 * (start[3] + end[3]) * length
-    label = voxels.labels[np.uint64(column + z)]
-    since = entered = t_in
-    while True:
-        side = min(t_x, t_y)
-        z_next = int(start[2] + min(side, t_out) * change_z)
-        other = _other(column, z, z_next, label, voxels)
-        while other >= 0:
-            t = entered if other == z else (other + (z_next < z) - start[2]) / change_z
-            _add(label, t - since, length, weighted, voxels, sums)
-            label = voxels.labels[np.uint64(column + other)]
-            since = t
-            other = _other(column, other, z_next, label, voxels)
-        if side >= t_out:
-            break
-        z, entered = z_next, side
-        across = int(t_x < t_y)
-        t_x += across * delta_x
-        t_y += (1 - across) * delta_y
-        column += across * step_x + (1 - across) * step_y
-    _add(label, t_out - since, length, weighted, voxels, sums)
+    z, t_z, delta_z, step_z = _enter(start[2], end[2], voxels.size_z, t_in)
+    first = (x * voxels.size_y + y) * voxels.size_z + z
+    along_x = t_x, delta_x, step_x * voxels.size_y * voxels.size_z
+    along_y = t_y, delta_y, step_y * voxels.size_z
+    along_z = t_z, delta_z, step_z
+    if delta_z <= delta_x and delta_z <= delta_y:
+        _through_slabs(first, t_in, t_out, along_z, along_x, along_y, voxels.labels, shares)
+    elif delta_y <= delta_x:
+        _through_slabs(first, t_in, t_out, along_y, along_x, along_z, voxels.labels, shares)
+    else:
+        _through_slabs(first, t_in, t_out, along_x, along_y, along_z, voxels.labels, shares)
+    _gather(voxels, length, 0.5 * (start[3] + end[3]) * length, shares, sums)
 
 
 @kernel
-def _other(column: int, z: int, z_next: int, label: int, voxels: Voxels) -> int:
-    """First voxel of a column, from z to `z_next`, that has another label; -1 if none has.
+def _through_slabs(
+    at: int, t_in: float, t_out: float, across: Axis, one: Axis, other: Axis, labels: Labels,
+    shares: Floats,
+) -> None:  # fmt: skip
+    """Share a segment among labels, slab by slab; `at` is its first voxel.
 
-    Upwards eight voxels are looked at a time: a label's bits against those of a word are 0 where
-    the two are alike, and the zero bytes below the first that is not are counted.
+    In a slab the segment comes to the next voxel at most once along each of the other axes: it is
+    in up to three voxels, and each gets its part, be it 0, without a branch that could go either
+    way. Their parts go to three rows of `shares` [3, label], since a sum must wait for the one
+    before it.
     """
-    if z_next < z:
-        while z >= z_next and voxels.labels[np.uint64(column + z)] == label:
-            z -= 1
-        return z if z >= z_next else -1
-    first, last = column + z, column + z_next
-    word, last_word = np.uint64(first >> 3), np.uint64(last >> 3)
-    if last_word >= np.uint64(voxels.words.size):
-        while z <= z_next and voxels.labels[np.uint64(column + z)] == label:
-            z += 1
-        return z if z <= z_next else -1
-    wanted = np.uint64(label) * _EACH_BYTE
-    before = np.uint64((first & 7) << 3)  # bits of the word that lie before the first voxel
-    bits = (voxels.words[word] ^ wanted) >> before << before
-    while bits == _NO_BIT and word < last_word:
-        word += _ONE
-        bits = voxels.words[word] ^ wanted
-    if bits == _NO_BIT:
-        return -1
-    below = (bits - _ONE) & ~bits & _HIGHEST_OF_BYTES
-    alike = ((below >> np.uint64(7)) * _EACH_BYTE) >> np.uint64(56)  # the sum is the highest byte
-    found = int(word << np.uint64(3)) + int(alike)
-    return found - column if found <= last else -1
+    t_slab, delta_slab, step_slab = across
+    t_one, delta_one, step_one = one
+    t_other, delta_other, step_other = other
+    before = t_in
+    while before < t_out:
+        t = min(t_slab, t_out)
+        first = min(t_one, t_other, t)
+        second = min(max(t_one, t_other), t)
+        to_one, to_other = step_one * int(t_one < t), step_other * int(t_other < t)
+        middle = at + (to_one if t_one < t_other else to_other)
+        last = at + to_one + to_other
+        shares[0, labels[np.uint64(at)]] += first - before
+        shares[1, labels[np.uint64(middle)]] += second - first
+        shares[2, labels[np.uint64(last)]] += t - second
+        t_one += delta_one if t_one < t else 0.0
+        t_other += delta_other if t_other < t else 0.0
+        t_slab += delta_slab
+        at = last + step_slab
+        before = t
 
 
 @kernel
-def _add(
-    label: int, share: float, length: float, weighted: float, voxels: Voxels, sums: Floats
-) -> None:
-    """Add a share of a segment, plain and weighted, to the channel of a label."""
-    channel = voxels.channel_of_label[label]
-    sums[channel, 0] += share * length
-    sums[channel, 1] += share * weighted
+def _gather(voxels: Voxels, length: float, weighted: float, shares: Floats, sums: Floats) -> None:
+    """Add the labels' shares of a segment to their channels, plain and weighted, and clear them.
+
+    `length` is the whole segment's in the compressed breast, mm.
+    """
+    for label in voxels.wanted:
+        share_of_label = shares[0, label] + shares[1, label] + shares[2, label]
+        channel = voxels.channel_of_label[label]
+        sums[channel, 0] += share_of_label * length
+        sums[channel, 1] += share_of_label * weighted
+        shares[0, label] = shares[1, label] = shares[2, label] = 0.0
 
 
 @kernel
@@ -251,4 +243,4 @@ def _enter(start: float, end: float, size: int, t_in: float) -> tuple[int, float
     if change < 0.0:
         rate = 1.0 / change
         return voxel, (voxel - start) * rate, -rate, -1
-    return voxel, math.inf, 0.0, 0
+    return voxel, math.inf, math.inf, 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.projection._ray_kernels import LABELS_PER_WORD, Beam, Voxels, trace
+from mammosim.projection._ray_kernels import Beam, Voxels, trace
 
 # Rows that one thread traces together: neighbouring rays share the voxels in its cache.
 _BAND_ROWS = 32
@@ -59,17 +59,16 @@ def trace_rays(
         nodes[..., 3] = 1.0
     bands = -(-rows // _BAND_ROWS)
     order = np.concatenate([np.arange(first, bands, _DEAL) for first in range(_DEAL)])
-    voxels = _voxels(labels, channel_of_label)
+    voxels = _voxels(labels, channel_of_label, channels)
     trace(order, _BAND_ROWS, beam, nodes, voxels, length, weighted_length)
     return length, weighted_length
 
 
-def _voxels(labels: NDArray[np.uint8], channel_of_label: NDArray[np.int64]) -> Voxels:
+def _voxels(
+    labels: NDArray[np.uint8], channel_of_label: NDArray[np.int64], channels: int
+) -> Voxels:
     """The labels as the kernel wants them; copied only where they do not lie as it needs them."""
     labels = np.ascontiguousarray(labels)
-    if labels.ctypes.data % LABELS_PER_WORD:
-        labels = labels.copy()
-    row = labels.reshape(-1)
-    words = row[: row.size // LABELS_PER_WORD * LABELS_PER_WORD].view(np.uint64)
-    nx, ny, nz = labels.shape
-    return Voxels(row, words, nx, ny, nz, channel_of_label)
+    nx, ny, nz = (int(size) for size in labels.shape)
+    wanted = np.flatnonzero(channel_of_label < channels)
+    return Voxels(labels.reshape(-1), nx, ny, nz, wanted, channel_of_label)
