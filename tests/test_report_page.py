@@ -18,8 +18,9 @@ from PIL import Image
 
 from mammosim.geometry import View
 from mammosim.report import ReportedView, ReportSettings, render_report, run_record
+from mammosim.report.convergence import convergence_svg
 from mammosim.report.crop import Crop, common_crops
-from mammosim.report.figures import convergence_svg, picture_data_uri
+from mammosim.report.figures import picture_data_uri
 from mammosim.report.glance import glance
 from mammosim.report.hanging import hanging
 from mammosim.report.markers import Marker, markers, shift_arrows
@@ -369,20 +370,20 @@ def test_the_settings_reduce_the_page(record):
 
 
 def test_the_convergence_curve_is_svg_in_the_pages_colour():
-    svg = convergence_svg(HISTORY, "LCC")
-    root = ElementTree.fromstring(svg.replace("xlink:", ""))
+    svg = convergence_svg(HISTORY)
+    root = ElementTree.fromstring(svg)
     assert root.tag.endswith("svg")
     assert "currentColor" in svg
     assert "residual" in svg
     assert "mean move mm" in svg
     assert "settled" not in svg
-    assert svg == convergence_svg(HISTORY, "LCC")
+    assert svg == convergence_svg(HISTORY)
 
 
 def test_a_column_of_words_makes_a_line_of_each():
     rows = [(0, "x", 0.5), (1, "z", 0.1), (2, "x", 0.2)]
     history = np.array(rows, dtype=[("iteration", "i4"), ("axis", "U1"), ("error_voxel", "f8")])
-    svg = convergence_svg(history, "LCC")
+    svg = convergence_svg(history)
     assert "error voxel x" in svg
     assert "error voxel z" in svg
 
@@ -396,7 +397,7 @@ def test_a_column_of_words_makes_a_line_of_each():
     ],
 )
 def test_without_anything_to_draw_there_is_no_curve(history):
-    assert convergence_svg(history, "LCC") == ""
+    assert convergence_svg(history) == ""
 
 
 def with_error(view: View, **measures: float) -> ReportedView:
@@ -436,10 +437,9 @@ def test_many_lesions_are_counted_after_the_first_ones(record):
 
 
 def test_ids_differ_all_over_the_page(record):
-    """Drawings of several views are made by one library, which counts from 1 in each."""
     page = Page(render_report(shared(*BOTH), targets_of(*BOTH), record))
     ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
     assert len(ids) == len(set(ids))
-    referred = [a["xlink:href"][1:] for _, a in page.elements if "xlink:href" in a]
+    referred = [a["href"][1:] for _, a in page.elements if a.get("href", "").startswith("#")]
     assert referred
     assert set(referred) <= set(ids)

@@ -27,9 +27,9 @@ from PIL import Image
 from mammosim.geometry import View
 from mammosim.report import ReportedView, ReportSettings, render_report, run_record
 from mammosim.report.markers import markers
-from mammosim.report.planes import FRAMES, drawings
+from mammosim.report.planes import FRAMES, drawings, section_frames
 from mammosim.report.sections import PIXEL_MM, PLANES, Box, interpolated_field, section
-from mammosim.report.solid import plotly_gzip_base64, skin_surface, solid
+from mammosim.report.solid import moved_skin, plotly_gzip_base64, skin_surface, solid
 from mammosim.targets import BiopsyResult, LesionShiftResults, RuleError, ShiftUncertainty
 
 CC, MLO = View("CC", "L"), View("MLO", "L")
@@ -64,7 +64,7 @@ def test_directions_are_those_of_a_radiologist():
 
 def test_drawings_show_the_breast_before_and_after():
     """A hemisphere of 40 mm radius whose height is pressed to 52 mm."""
-    frontal, sagittal, _ = drawings(make_compressed(CC), make_targets(CC))
+    frontal, sagittal, _ = drawings(section_frames(make_compressed(CC)), make_targets(CC))
     assert len(frontal.frames) == FRAMES
     first, last = picture(frontal.frames[0]), picture(frontal.frames[-1])
     assert first.shape == last.shape == (
@@ -84,7 +84,7 @@ def test_drawings_show_the_breast_before_and_after():
 
 def test_targets_are_drawn_where_the_table_has_them():
     targets = make_targets(CC)
-    for drawing in drawings(make_compressed(CC), targets):
+    for drawing in drawings(section_frames(make_compressed(CC)), targets):
         for target, moved in zip(targets, drawing.targets, strict=True):
             here = drawing.plane.project(target.place_mm)
             there = drawing.plane.project(target.place_mm + target.shift_vector_mm)
@@ -149,7 +149,7 @@ def test_the_surface_is_the_skin():
 
 def test_the_3d_view_moves_by_the_field():
     compressed, targets = make_compressed(CC), make_targets(CC)
-    drawn = solid(compressed, targets)
+    drawn = solid(moved_skin(compressed), targets)
     skin = np.stack([np.array(axis) for axis in drawn["skin"]], axis=-1)
     shift = np.stack([np.array(axis) for axis in drawn["skin_shift"]], axis=-1)
     expected = compressed.displacement_at(skin.reshape(-1, 3)).reshape(skin.shape)
@@ -336,7 +336,7 @@ def test_the_slider_moves_and_every_lesion_is_on_the_pictures(record, tmp_path):
         "uncompressed", "50 % of the way", "compressed",
     )  # fmt: skip
     assert len({tuple(state["frames"]) for state in (start, half, end)}) == 3
-    drawn = drawings(make_compressed(CC), make_targets(CC))
+    drawn = drawings(section_frames(make_compressed(CC)), make_targets(CC))
     np.testing.assert_allclose(
         start["dots"], [(t.x, t.y) for d in drawn for t in d.targets], atol=0.01
     )

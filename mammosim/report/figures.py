@@ -17,7 +17,6 @@ from mammosim.report.crop import Crop
 
 _JPEG_QUALITY = 88  # no visible blocks in noise; a quarter of the size of a PNG
 _INK = "#010203"  # stands for the page's text colour, which the figure cannot know
-_LINES = ("#3b82c4", "#c2742d", "#4f9a5b", "#a55fa5")  # legible on white and on near-black
 
 
 def picture_data_uri(mammogram: Mammogram, crop: Crop, rows: int) -> str:
@@ -61,32 +60,6 @@ def block_means(pixels: NDArray[Any], factor: int) -> NDArray[np.float64]:
     return padded.reshape(rows, factor, columns, factor).mean(axis=(1, 3), dtype=np.float64)
 
 
-def convergence_svg(history: NDArray[np.void], name: str) -> str:
-    """Draw how a solver converged.
-
-    Parameters
-    ----------
-    history : ndarray, structured
-        One row an iteration.
-    name : str
-        Name of the view; keeps the drawing's internal names apart from others on the page.
-
-    Returns
-    -------
-    str
-        SVG whose text and axes take the colour of the text around it; empty if there is nothing
-        to draw.
-    """
-    if not _lines_to_draw(history):
-        return ""
-
-    def draw(axes: Any) -> None:
-        draw_convergence(axes, history)
-        axes.grid(axis="y", color=_INK, alpha=0.12)
-
-    return drawing_svg(draw, name, (4.6, 2.7))
-
-
 def drawing_svg(draw: Callable[[Any], None], name: str, inches: tuple[float, float]) -> str:
     """A Matplotlib drawing as SVG text for a page, light or dark.
 
@@ -116,43 +89,3 @@ def drawing_svg(draw: Callable[[Any], None], name: str, inches: tuple[float, flo
     text = text[text.index("<svg") :].replace(_INK, "currentColor")
     # The ids, and the references to them.
     return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
-
-
-def draw_convergence(axes: Any, history: NDArray[np.void]) -> None:
-    """Draw a line for each quantity that tells of convergence, on a logarithmic scale."""
-    for (label, rows, values), colour in zip(_lines_to_draw(history), _LINES, strict=False):
-        axes.semilogy(rows, values, color=colour, linewidth=1.5, label=label)
-    axes.set_xlabel("row of convergence.csv")
-    if axes.lines:
-        axes.legend(frameon=False, fontsize=8)
-
-
-def _lines_to_draw(history: NDArray[np.void]) -> list[tuple[str, NDArray[Any], NDArray[Any]]]:
-    """Label, row numbers from 1 and positive values of each line.
-
-    A column of words, as the axis that an iteration worked on, makes a line of each word.
-    """
-    lines = []
-    for column in _columns_to_draw(history):
-        positive = np.asarray(history[column] > 0)
-        for word, of_word in _parts(history):
-            rows = np.flatnonzero(positive & of_word)
-            if rows.size:
-                label = " ".join((column.replace("_", " "), word)).strip()
-                lines.append((label, rows + 1, history[column][rows]))
-    return lines[: len(_LINES)]
-
-
-def _parts(history: NDArray[np.void]) -> list[tuple[str, NDArray[np.bool_]]]:
-    """Each word of the first column of words and its rows; without one, all rows."""
-    for name in history.dtype.names or ():
-        if history.dtype[name].kind == "U":
-            return [(str(word), history[name] == word) for word in np.unique(history[name])]
-    return [("", np.ones(history.shape, bool))]
-
-
-def _columns_to_draw(history: NDArray[np.void]) -> list[str]:
-    """Names of floating-point columns; if there are any, only those that tell of convergence."""
-    names = [name for name in history.dtype.names or () if history.dtype[name].kind == "f"]
-    telling = ("residual", "error", "change", "move", "update", "deviation", "out_of_balance")
-    return [name for name in names if any(word in name for word in telling)] or names

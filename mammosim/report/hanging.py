@@ -6,17 +6,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mammosim._wording import counted
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
 from mammosim.geometry import Gantry, View
 from mammosim.reconstruction import Reconstruction
+from mammosim.report.convergence import convergence_svg
 from mammosim.report.crop import Crop, common_crops
-from mammosim.report.figures import convergence_svg, picture_data_uri
+from mammosim.report.figures import picture_data_uri
 from mammosim.report.labels import Label, Marked, place_labels, sampled
 from mammosim.report.markers import Marker, markers
+from mammosim.report.planes import SectionFrames, section_frames
 from mammosim.report.realism import Finding, appearance_findings, realism
 from mammosim.report.settings import ReportSettings
+from mammosim.report.solid import moved_skin, plotly_gzip_base64
 from mammosim.targets import Target
 
 _VIEW_ORDER = ("CC", "MLO", "ML")
@@ -46,7 +52,7 @@ class ReportedView:
     @cached_property
     def convergence(self) -> str:
         """Drawing of the solver's history, SVG; empty if there is nothing to draw."""
-        return convergence_svg(self.compressed.history, self.compressed.view.folder)
+        return convergence_svg(self.compressed.history)
 
     @cached_property
     def findings(self) -> list[Finding]:
@@ -60,9 +66,23 @@ class ReportedView:
             return {}
         return appearance_findings(self.compressed.view.name, self.mammogram)
 
-    def prepare(self) -> None:
+    @cached_property
+    def sections(self) -> list[SectionFrames]:
+        """Its breast in three planes, at each step of its compression."""
+        return section_frames(self.compressed)
+
+    @cached_property
+    def skin(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Points of the skin, and by how much compression moves them (`moved_skin`)."""
+        return moved_skin(self.compressed)
+
+    def prepare(self, settings: ReportSettings) -> None:
         """Compute now what the page needs of this view alone, which takes seconds."""
-        for part in ("convergence", "findings", "appearance"):
+        parts = ["convergence", "findings", "appearance", "sections"]
+        if settings.three_d:
+            parts.append("skin")
+            plotly_gzip_base64()
+        for part in parts:
             getattr(self, part)
 
 

@@ -65,13 +65,12 @@ def shift_section(
     """Gather the section; views without rows in the table are drawn without targets."""
     drawn, data = {}, {}
     for view in views:
-        compressed = view.compressed
-        here = targets_of(compressed.view, targets)
-        name = compressed.view.folder
-        drawn[name] = drawings(compressed, here)
+        here = targets_of(view.compressed.view, targets)
+        name = view.compressed.view.folder
+        drawn[name] = drawings(view.sections, here)
         data[name] = {
             "planes": [_frames(drawing) for drawing in drawn[name]],
-            "solid": solid(compressed, here) if settings.three_d else None,
+            "solid": solid(view.skin, here) if settings.three_d else None,
         }
     library = plotly_gzip_base64() if settings.three_d and drawn else ""
     return ShiftSection(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,14 @@ FRAMES = 9
 
 _FONTS = 22.0  # sizes of the numbers' font in the height of a drawing
 _DOT_FONTS = 0.32  # radius of a target's dot in that size
+
+
+class SectionFrames(NamedTuple):
+    """A plane, its box, and its pictures as data URIs, uncompressed first."""
+
+    plane: Plane
+    box: Box
+    frames: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -61,19 +70,12 @@ class Drawing:
         return _DOT_FONTS * self.height / _FONTS
 
 
-def drawings(compressed: CompressedBreast, targets: Sequence[Target]) -> list[Drawing]:
-    """Cut a view's breast along three planes, at each step of its compression.
+def section_frames(compressed: CompressedBreast) -> list[SectionFrames]:
+    """Cut a view's breast along the three planes of `PLANES`, at each step of its compression.
 
     Parameters
     ----------
     compressed : CompressedBreast
-    targets : sequence of Target
-        Of this view.
-
-    Returns
-    -------
-    list of Drawing
-        One per plane of `PLANES`.
 
     Notes
     -----
@@ -81,11 +83,26 @@ def drawings(compressed: CompressedBreast, targets: Sequence[Target]) -> list[Dr
     of the breast behind the nipple. Between both ends each point goes straight and evenly:
     interpolated for display only, not a solution of the model at a lesser compression.
     """
-    drawn = []
-    for plane, box, greys in moved_sections(compressed, np.linspace(0.0, 1.0, FRAMES).tolist()):
-        frames = tuple(jpeg_data_uri(grey) for grey in greys)
-        drawn.append(Drawing(plane, *box.sides, frames, tuple(_moved(plane, targets, box))))
-    return drawn
+    sections = moved_sections(compressed, np.linspace(0.0, 1.0, FRAMES).tolist())
+    return [
+        SectionFrames(plane, box, tuple(jpeg_data_uri(grey) for grey in greys))
+        for plane, box, greys in sections
+    ]
+
+
+def drawings(sections: Sequence[SectionFrames], targets: Sequence[Target]) -> list[Drawing]:
+    """Mark a view's targets in its sections.
+
+    Parameters
+    ----------
+    sections : sequence of SectionFrames
+    targets : sequence of Target
+        Of this view.
+    """
+    return [
+        Drawing(plane, *box.sides, frames, tuple(_moved(plane, targets, box)))
+        for plane, box, frames in sections
+    ]
 
 
 def _moved(plane: Plane, targets: Sequence[Target], box: Box) -> list[Moved]:

@@ -12,7 +12,7 @@ from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
 from mammosim.errors import InputError
 from mammosim.phantom import BreastPhantom
-from mammosim.report.figures import draw_convergence
+from mammosim.report.convergence import draw_convergence
 from mammosim.report.hanging import ReportedView, targets_of
 from mammosim.report.markers import markers
 from mammosim.report.sections import Box, Plane, breast_sections, middle_mm, moved_sections

@@ -31,8 +31,23 @@ def plotly_gzip_base64() -> str:
     return base64.b64encode(gzip.compress(library, 9, mtime=0)).decode("ascii")
 
 
-def solid(compressed: CompressedBreast, targets: Sequence[Target]) -> dict[str, Any]:
+def moved_skin(compressed: CompressedBreast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points of the skin before compression, and by how much it moves them, [ring, ray, 3], mm."""
+    surface = skin_surface(compressed.phantom)
+    return surface, compressed.displacement_at(surface.reshape(-1, 3)).reshape(surface.shape)
+
+
+def solid(
+    skin: tuple[NDArray[np.float64], NDArray[np.float64]], targets: Sequence[Target]
+) -> dict[str, Any]:
     """What the 3-D view of one view draws, breast frame, mm, in plain values.
+
+    Parameters
+    ----------
+    skin : tuple of ndarray
+        From `moved_skin`.
+    targets : sequence of Target
+        Of this view.
 
     Returns
     -------
@@ -40,8 +55,7 @@ def solid(compressed: CompressedBreast, targets: Sequence[Target]) -> dict[str, 
         `skin` and `skin_shift`: x, y, z each [ring][ray]; `targets`: number, name, kind, place and
         shift of each.
     """
-    surface = skin_surface(compressed.phantom)
-    shift = compressed.displacement_at(surface.reshape(-1, 3)).reshape(surface.shape)
+    surface, shift = skin
     return {
         "skin": [_plain(surface[..., axis]) for axis in range(3)],
         "skin_shift": [_plain(shift[..., axis]) for axis in range(3)],
@@ -76,7 +90,8 @@ def skin_surface(phantom: BreastPhantom) -> NDArray[np.float64]:
 def _ring(phantom: BreastPhantom, x: int) -> NDArray[np.float64]:
     tissue = phantom.labels[x] > 0
     spacing = phantom.voxel_mm[1:]
-    middle = np.argwhere(tissue).mean(axis=0)
+    counts = [np.count_nonzero(tissue, axis=axis) for axis in (1, 0)]
+    middle = np.array([np.average(np.arange(count.size), weights=count) for count in counts])
     angle = np.linspace(0.0, 2.0 * np.pi, RAYS + 1)
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     reach = np.arange(0.0, float(np.linalg.norm(tissue.shape * spacing)), RAY_STEP_MM)

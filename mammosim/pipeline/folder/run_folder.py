@@ -176,7 +176,7 @@ class RunFolder:
     def prepare_page(self, result: ViewResult) -> None:
         """Compute what the page tells of one view, beside other stages."""
         if self._config.report.html:
-            self._reported_view(result).prepare()
+            self._reported_view(result).prepare(self._config.report)
 
     def _reported_view(self, result: ViewResult) -> ReportedView:
         """A view for the page, with what was computed of it before."""
