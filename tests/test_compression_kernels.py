@@ -26,7 +26,8 @@ def test_blocks_of_a_turned_lattice(samples):
     modulus_of[1:4] = 1.0, 5.0, 15.0
     muscle_of = np.zeros(256, bool)
     muscle_of[3] = True
-    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0] * 1.7
+    turn = 1.7 * np.eye(3)
+    turn[1:, 1:] = 1.7 * np.linalg.qr(rng.standard_normal((2, 2)))[0]
     to_voxel = np.column_stack([turn, [2.0, 3.0, 2.5]])
     shape = (4, 3, 5)
     found = np.zeros((3, *shape), np.float32)
