@@ -122,13 +122,13 @@ def galerkin_of_blocks(thread, stencil, span, out):
     """
     entries = stencil.shape[2] // 14
     for i in share(thread, 1, out.shape[0] - 1):
-        half = np.empty(243 * stencil.shape[3], np.float32)
+        half = np.empty(135 * stencil.shape[3], np.float32)
         row = np.empty(9 * stencil.shape[3], np.float32)
         for j in range(1, out.shape[1] - 1):
             begin, end = _fine_window(span, i, j)
             if begin >= end:
                 continue
-            for k in range(np.uint64(243 * (end - begin))):
+            for k in range(np.uint64(135 * (end - begin))):
                 half[k] = np.float32(0.0)
             for ti in range(-1, 2):
                 for tj in range(-1, 2):
@@ -163,18 +163,20 @@ def _weight(reach, step):
 def _collapse_columns(stencil, entries, fi, fj, ti, tj, begin, size, row, half):
     """Add one fine row's part to the coarse neighbours (dx, dy), still fine along z.
 
+    Those before (0, 0) store their blocks themselves.
+
     Both buffers are flat, `size` numbers from z = `begin` on for each entry of a block: ``row[3 r +
-    c]``, ``half[27 (3 (dx+1) + (dy+1)) + 9 (dz+1) + 3 r + c]``. So nine short loops are one.
+    c]``, ``half[27 (3 dx + dy) + 9 (dz+1) + 3 r + c]``. So nine short loops are one.
     """
     own = (1.0 - 0.5 * abs(ti)) * (1.0 - 0.5 * abs(tj))
     for flat in range(27):
         di, dj = flat // 9 - 1, (flat // 3) % 3 - 1
         _block_row(stencil, entries, fi, fj, flat, begin, size, row)
-        for step_x in range(-1, 2):
-            for step_y in range(-1, 2):
+        for step_x in range(2):
+            for step_y in range(-1 if step_x else 0, 2):
                 weight = np.float32(own * _weight(ti + di, step_x) * _weight(tj + dj, step_y))
                 if weight > 0.0:
-                    first = 27 * (3 * (step_x + 1) + step_y + 1) + 9 * (flat % 3)
+                    first = 27 * (3 * step_x + step_y) + 9 * (flat % 3)
                     start = np.uint64(first * size)
                     for k in range(np.uint64(0), np.uint64(entries * size)):
                         half[start + k] += weight * row[k]
@@ -201,10 +203,10 @@ def _block_row(stencil, entries, i, j, flat, begin, size, out):
 def _collapse_row(half, entries, begin, end, out):
     """Sum over fine z; store the 14 blocks of one coarse row, ``out[9 o + e, k]``."""
     size = end - begin
-    for column in range(9):
+    for column in range(5):
         for reach in range(3):
             for step in range(3):
-                offset = 3 * column + step - 13
+                offset = 3 * column + step - 1
                 if offset < 0:
                     continue
                 for t in range(-1, 2):
