@@ -15,9 +15,15 @@ def continue_one_layer(thread, field, layer, number):
     """
     nx, ny, nz = layer.shape
     for i in share(thread, 0, nx):
+        near = np.zeros(nz + 2, np.int32)  # known neighbours in the nine rows around; a rim of none
         for j in range(ny):
+            near[:] = 0
+            for a in range(max(i - 1, 0), min(i + 2, nx)):
+                for b in range(max(j - 1, 0), min(j + 2, ny)):
+                    for k in range(nz):
+                        near[k + 1] += np.int32(0 < layer[a, b, k] < number)
             for k in range(nz):
-                if layer[i, j, k] != 0:
+                if layer[i, j, k] != 0 or near[k] + near[k + 1] + near[k + 2] == 0:
                     continue
                 known = 0
                 for a in range(max(i - 1, 0), min(i + 2, nx)):
@@ -27,10 +33,9 @@ def continue_one_layer(thread, field, layer, number):
                                 known += 1
                                 for f in range(field.shape[0]):
                                     field[f, i, j, k] += field[f, a, b, c]
-                if known > 0:
-                    layer[i, j, k] = number
-                    for f in range(field.shape[0]):
-                        field[f, i, j, k] /= known
+                layer[i, j, k] = number
+                for f in range(field.shape[0]):
+                    field[f, i, j, k] /= known
 
 
 @parallel_kernel
