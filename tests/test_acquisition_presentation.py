@@ -5,7 +5,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from mammosim.acquisition.looks import LOOKS
 from mammosim.acquisition.muscle import muscle_of
-from mammosim.acquisition.presentation import MAXIMUM, present
+from mammosim.acquisition.presentation import FAT_GREY, MAXIMUM, present
 
 PIXEL_MM = 0.2
 SHAPE = (700, 400)
@@ -32,7 +32,7 @@ def test_air_is_black_and_fat_grey_up_to_the_skin():
     # the raw margin falls to half of the plateau and below; shown, it is fat all over, which
     # brightens towards the skin as on clinical images (0.24 to 0.36 at 3 mm)
     assert before.min() < 0.7 * before.max()
-    assert pixels[fat].min() > 0.10 * MAXIMUM
+    assert pixels[fat].min() > 0.95 * FAT_GREY * MAXIMUM
     assert pixels[fat].max() < 0.36 * MAXIMUM
     assert pixels[fat & (depth > 12.0)].max() < 0.22 * MAXIMUM
 
@@ -96,6 +96,35 @@ def test_more_attenuation_in_the_nipple_is_brighter():
         dotted[348:353, 265:270] += extra
         shown.append(int(present(dotted, PIXEL_MM).pixels[350, 267]))
     assert np.all(np.diff(shown) > 0)
+
+
+def test_a_nipple_in_profile_is_about_as_bright_as_the_skin_line():
+    attenuation, depth = with_skin()
+    row, (rows, columns) = SHAPE[0] // 2, np.indices(SHAPE)
+    dome = np.hypot((rows - row) / 30.0, (columns - 249) / 20.0) < 1.0  # 6 mm by 4 mm
+    height = np.sqrt(np.clip(1.0 - ((rows - row) / 30.0) ** 2, 0.0, 1.0)) * 10.0
+    thick = np.where(dome, 0.085 * height, 0.0).astype(np.float32)
+    pixels = present(np.maximum(attenuation, gaussian_filter(thick, 0.5)), PIXEL_MM).pixels
+    line = at_depth(pixels, depth, 0.9, 1.3)
+    middle = pixels[row - 8 : row + 9, 255:262].mean() / MAXIMUM
+    assert 0.7 * line < middle < 1.15 * line
+
+
+@pytest.mark.parametrize("look", ["crisp", "soft"])
+def test_fine_detail_is_enhanced_more_than_wide(look):
+    attenuation, _, _ = compressed_breast()
+    attenuation[200:500, :150] = 2.6 + 0.3  # gland, on the straight part of the curve
+    column = np.arange(150) * PIXEL_MM
+    shown = []
+    for wave_mm in (1.2, 4.0):
+        ripple = np.zeros(SHAPE, np.float32)
+        ripple[200:500, :150] = 0.01 * np.sin(2.0 * np.pi * column / wave_mm)
+        pair = [present(attenuation + sign * ripple, PIXEL_MM, look=look) for sign in (1, -1)]
+        change = pair[0].pixels[350].astype(int) - pair[1].pixels[350]
+        shown.append(np.std(change[25:125]))
+    wide, fine = LOOKS[look].gains
+    sharper = 1.0 + LOOKS[look].sharpness  # of the restoration, at most
+    assert 1.05 < shown[0] / shown[1] < sharper * fine / wide
 
 
 def with_muscle(level):

@@ -20,7 +20,7 @@ FINAL_SHOULDER = 0.85
 AIR_BELOW_FAT, AIR_FADE = 0.4, 0.1
 
 # Details keep at least this part of their contrast where the base lies on the toe or shoulder.
-MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.7, 0.4
+MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.45, 0.4
 
 # On the shoulder, away from strong steps, weak details keep this part of their contrast: on
 # clinical images fibres of muscle, and strands before it, are seen as well as those in fat.
@@ -28,6 +28,9 @@ EVEN_SHOULDER_SLOPE = 1.0
 
 # Slope of the toe below which details are not raised any further.
 FLATTEST_TOE = 0.05
+
+# Part of the fine details' enhancement that is left out beside strong steps.
+BESIDE_STEPS = 0.5
 
 # Details (ln) well below this are enhanced in full, those well above hardly: no halo beside edges.
 DETAIL_LIMIT = 0.12
@@ -224,8 +227,9 @@ class ToneCurve(NamedTuple):
         Grey below and above which the curve for the base bends.
     white : float
         Grey that the shoulder of the base nears.
-    gain : float
-        Contrast of details over that of the base.
+    wide_gain, fine_gain : float
+        Contrast of details that the middle still holds, and of those that it does not, over that
+        of the base.
     """
 
     fat: float
@@ -235,7 +239,8 @@ class ToneCurve(NamedTuple):
     toe: float
     shoulder: float
     white: float
-    gain: float
+    wide_gain: float
+    fine_gain: float
 
 
 @kernel
@@ -243,6 +248,12 @@ def _edge_part(place: float) -> float:
     """Part of its grey that a place is shown with: 0 in air, 1 from the skin line inwards."""
     ramp = min(max(place, 0.0), 1.0)
     return ramp * ramp * (3.0 - 2.0 * ramp)
+
+
+@kernel
+def _weak_part(strength: float) -> float:
+    """Part of a detail that is enhanced: all of a faint one, the same amount of any strong one."""
+    return tanh(strength) / strength if strength > 1e-6 else 1.0
 
 
 @kernel
@@ -269,6 +280,7 @@ def present_kernel(
     missing: F64,
     rise: F64,
     base: F64,
+    middle: F64,
     even: F64,
     cell: float,
     curve: ToneCurve,
@@ -277,11 +289,11 @@ def present_kernel(
 ) -> None:
     """Add what the margin lacks, split the sum into base and detail, and show both as grey.
 
-    `missing`, `rise`, `base` and `even` (0 beside strong steps, else 1) are coarse and interpolated
-    linearly. Detail is added to the base, weak detail times the gain, and raised where the curve is
-    flat; the curve's toe shows the sum, and on its shoulder detail keeps a part of its contrast,
-    weak detail most of it. The sum is bent at white once more, so that nothing is clipped. Grey
-    rises from black over the skin line.
+    `missing`, `rise`, `base`, `middle` (between base and the image) and `even` (0 beside strong
+    steps, else 1) are coarse and interpolated linearly. Detail is added to the base, weak detail
+    times the gain of its scale, and raised where the curve is flat; the curve's toe shows the sum,
+    and on its shoulder detail keeps a part of its contrast, weak detail most of it. The sum is bent
+    at white once more, so that nothing is clipped. Grey rises from black over the skin line.
     """
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
     rows, columns = attenuation.shape
@@ -297,20 +309,25 @@ def present_kernel(
             smooth = _interpolated(base, y, x)
             straight = curve.fat_grey + slope * (smooth - curve.fat)
             shown = _bent(straight, curve.toe, curve.shoulder, curve.white)
-            detail = level - smooth
+            wide = _interpolated(middle, y, x) - smooth
+            fine = level - smooth - wide
             # near the edge it is no detail but the edge, whose base is coarse
-            weak = _edge_part(0.5 * place) * DETAIL_LIMIT * tanh(detail / DETAIL_LIMIT)
-            more = (curve.gain - 1.0) * weak
+            strength = (abs(wide) + abs(fine)) / DETAIL_LIMIT
+            weak = _edge_part(0.5 * place) * _weak_part(strength)
+            wide, fine = weak * wide, weak * fine
+            away = _interpolated(even, y, x)
+            fine_gain = 1.0 + (curve.fine_gain - 1.0) * (1.0 - BESIDE_STEPS * (1.0 - away))
+            enhanced = curve.wide_gain * wide + fine_gain * fine
             # of the base's curve there: its toe is exponential, its shoulder a hyperbola
             on_toe = max(min(shown / curve.toe, 1.0), FLATTEST_TOE)
             on_shoulder = ((curve.white - shown) / (curve.white - curve.shoulder)) ** 2
             on_shoulder = min(max(on_shoulder, MIN_SHOULDER_SLOPE), 1.0)
             # the toe bends what is enhanced, so that bright detail stands out more than dark
-            kept = max(MIN_TOE_SLOPE / on_toe, 1.0) - 1.0
-            raised = straight + slope * (detail + more + kept * curve.gain * weak)
+            kept = max(MIN_TOE_SLOPE / on_toe, 1.0)
+            raised = straight + slope * (level - smooth - wide - fine + kept * enhanced)
             shown += on_shoulder * (_on_toe(raised, curve.toe) - _on_toe(straight, curve.toe))
-            lost = (EVEN_SHOULDER_SLOPE - on_shoulder) * _interpolated(even, y, x)
-            shown += lost * slope * curve.gain * weak
+            lost = (EVEN_SHOULDER_SLOPE - on_shoulder) * away
+            shown += lost * slope * enhanced
             shown = _bent(max(shown, 0.0), 0.0, FINAL_SHOULDER, 1.0)
             below = raised - curve.fat_grey + AIR_BELOW_FAT
             if below < 0.0:

@@ -11,8 +11,9 @@ class Look:
 
     Parameters
     ----------
-    gain : float
-        Contrast of details finer than half a window of 5 mm over that of the base.
+    gains : tuple of float
+        Contrast of details over that of the base, which is wider than half a window of 5 mm: of
+        those down to half a window of 1.5 mm, and of finer ones.
     noise_sigma_mm : float
         Width of the smoothing that takes out the finest noise, mm.
     sharpness : float
@@ -20,7 +21,7 @@ class Look:
         focal spot, detector and voxels have blurred.
     """
 
-    gain: float
+    gains: tuple[float, float]
     noise_sigma_mm: float
     sharpness: float
 
@@ -31,6 +32,6 @@ SHARP_MM = 0.2
 SHARP_LIMIT = 0.02
 """Details (ln) well below this are raised in full, those above not at all."""
 
-LOOKS = {"crisp": Look(1.5, 0.055, 0.8), "soft": Look(1.2, 0.06, 0.2)}
+LOOKS = {"crisp": Look((1.35, 1.9), 0.055, 0.7), "soft": Look((1.1, 1.35), 0.06, 0.2)}
 """Scanners differ in how far they enhance local contrast and suppress noise; these are two ends of
 what is seen on clinical images, of no manufacturer in particular."""

@@ -27,6 +27,11 @@ the second not at all; there the breast's own is greater anyway."""
 NIPPLE_CONTOUR_MM = 0.7
 """Depths in a nipple are smoothed by this much: less than elsewhere, as it is smaller."""
 
+AREOLA_MM = 15.0
+"""So near to a nipple in profile the profile of fat is that of the margin beside it: the areola's
+skin is thicker, and would be taken for fat. Its radius is 20 mm (Sanuki et al. 2009, Aesthetic
+Plast Surg 33:295), of which the nipple is 6."""
+
 NIPPLE_CLEAR_MM = 1.0
 """Up to this distance from what protrudes, thin places are left alone: the groove at its base."""
 
@@ -89,20 +94,19 @@ PLATEAU_QUANTILE = 0.05
 MAX_GLAND = 1.0
 """The darkest of what is that deep holds no more gland than this (ln): 4 cm."""
 
-EDGE_GAIN, EDGE_GAIN_MM = 0.3, (0.8, 1.8)
-"""By how much skin and nipple are raised towards the level of gland for each unit (ln) of gland's
-contrast, and the depths up to which this is done in full and beyond which not at all. On clinical
+EDGE_GAIN, EDGE_GAIN_MM = 2.0, (0.8, 1.8)
+"""What is missing from skin and nipple up to the level of gland, as part of gland's contrast, is
+taken to the power of 1 and this much more for each unit (ln) of that contrast; and the depths up to
+which this is done in full and beyond which not at all. On clinical
 images skin is about as bright as gland, in dense breasts too: their filters bring out what stands
 against the black of air. Set by eye."""
 
-LIFT, LIFT_MM = 0.45, 7.0
-"""Part of gland's contrast that is added to the margin at the skin, and the depth over which this
-falls to a third. On clinical images fat brightens towards the skin line: 3 mm below it grey is 0.24
-to 0.36, 10 mm below it 0.12 to 0.21, and darker inside (four images)."""
-
-NIPPLE_EDGE_MM = 3.5
-"""A nipple in profile takes no part in this lift, which comes back over this distance from it: on
-clinical images it is a soft dome no brighter than the skin line, and no white cap on it."""
+LIFT, LIFT_MM = 0.65, 4.5
+"""Part of what is missing up to the level of gland that is added at the margin's edge, that of a
+nipple included, and the depth at which this has fallen to half. On clinical images fat brightens
+towards the skin line, whose grey is 0.63 to 0.73: 3 mm below it it is 0.30 to 0.36, 5 mm below 0.23
+to 0.25, 10 mm below 0.14 to 0.17, and a nipple in profile is about as bright as the skin line
+(three images)."""
 
 THIN_DEPTH_MM, THIN_SIGMA_MM, THIN_PART = 1.0, 1.5, 0.9
 """Thin places are looked for deeper than the first, on the scale of the second, and this part of
@@ -158,7 +162,7 @@ def missing_attenuation(
 
 
 def raised_edge(equalized: F64, margin: Margin, fat: float, contrast: float) -> F64:
-    """What is added to skin and nipple, which are soft tissue before the black of air.
+    """What is added to the margin, and to skin and nipple, which are seen before the black of air.
 
     Parameters
     ----------
@@ -171,17 +175,20 @@ def raised_edge(equalized: F64, margin: Margin, fat: float, contrast: float) -> 
     Returns
     -------
     ndarray of float64, [row, column]
-        Nothing for fat and for what reaches the level of gland; most halfway between, so that
-        more attenuation stays brighter.
+        Part of what is missing up to the level of gland, so that more attenuation stays brighter;
+        nothing for what reaches it.
     """
     near, far = EDGE_GAIN_MM
-    part = np.clip((equalized - fat) / contrast, 0.0, 1.0)
-    share = smooth_step((far - margin.depth_mm) / (far - near))
-    raised = EDGE_GAIN * contrast * share * part * (1.0 - part)
-    near_nipple = distance_to(margin.breast & ~margin.body) * margin.cell_mm
-    lift = LIFT * np.exp(-np.maximum(margin.depth_mm, 0.0) / LIFT_MM)
-    lift *= smooth_step(near_nipple / NIPPLE_EDGE_MM)
-    return contrast * (lift + raised)
+    depth_mm = _outline_depth_mm(margin)
+    missing = 1.0 - np.clip((equalized - fat) / contrast, 0.0, 1.0)
+    left = missing * (1.0 - LIFT / (1.0 + np.square(np.maximum(depth_mm, 0.0) / LIFT_MM)))
+    left **= 1.0 + EDGE_GAIN * contrast * smooth_step((far - depth_mm) / (far - near))
+    return contrast * (missing - left)
+
+
+def _outline_depth_mm(margin: Margin) -> F64:
+    """Distance to the edge of breast and nipple together, negative outside, mm."""
+    return signed_depth(margin.breast, NIPPLE_CONTOUR_MM / margin.cell_mm) * margin.cell_mm
 
 
 def smooth_step(place: F64) -> F64:
@@ -203,6 +210,7 @@ def _ring_profiles(coarse: F64, margin: Margin) -> F64:
     wide = cell_pixels(WIDE_CELL_MM, margin.cell_mm)
     sigma = ALONG_EDGE_SIGMA_MM / (wide * margin.cell_mm)
     usual = _mean_profile(coarse, margin)
+    areola = distance_to(margin.breast & ~margin.body) * margin.cell_mm < AREOLA_MM
     # what differs from the breast's mean profile hardly changes with depth within a ring
     differs = coarse - np.interp(margin.depth_mm, *usual)
     profiles: list[F64] = []
@@ -210,6 +218,8 @@ def _ring_profiles(coarse: F64, margin: Margin) -> F64:
         # before the first depth and behind the third a ring weighs nothing
         weight = np.interp(margin.depth_mm, depths, (0.0, 1.0, 0.0), left=0.0, right=0.0)
         weight[~margin.body] = 0.0
+        beside = np.where(areola, 0.0, weight)
+        weight = beside if beside.any() else weight
         share = block_mean(weight, wide)
         if not share.any():
             profiles.append(profiles[-1] if profiles else block_mean(coarse, wide))
@@ -311,7 +321,7 @@ def _with_nipple(expected: F64, rise: F64, coarse: F64, margin: Margin) -> tuple
     own = _local_mean(coarse, nipple, NIPPLE_SIGMA_MM / cell_mm) / (1.0 + SKIN_ABOVE_FAT)
     near, far = NIPPLE_REACH_MM
     own *= smooth_step((far - distance_to(nipple) * cell_mm) / (far - near))
-    outline_mm = signed_depth(margin.breast, NIPPLE_CONTOUR_MM / cell_mm) * cell_mm
+    outline_mm = _outline_depth_mm(margin)
     close = smooth_step(2.0 - distance_to(nipple) * cell_mm / NIPPLE_SIGMA_MM)
     own_rise = (outline_mm - EDGE_MM) / EDGE_RISE_MM
     return np.maximum(expected, own), rise + close * np.maximum(own_rise - rise, 0.0)

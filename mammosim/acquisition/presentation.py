@@ -35,7 +35,7 @@ MIN_CONTRAST, MAX_CONTRAST = 0.45, 1.0
 the first; what an all-dense breast (about 40 mm of gland) has beyond the second goes into the
 shoulder of the curve."""
 
-FAT_GREY, GLAND_GREY = 0.11, 0.64
+FAT_GREY, GLAND_GREY = 0.10, 0.64
 """Grey of fat and of gland. On clinical images the 5th percentile of grey in the breast is 0.08 to
 0.22 (twelve CC; mean 0.12) and 0.09 to 0.12 (five MLO), the 99th 0.55 to 0.75."""
 
@@ -52,8 +52,9 @@ breasts do not fade as the scale of the base widens."""
 FLOOR_CONTRAST = 0.3
 """The base goes no further below fat than this part of the contrast: it takes no part in air."""
 
-BASE_RADIUS_MM = 2.5
-"""Half the side of the window that separates detail from base."""
+BASE_RADIUS_MM, MIDDLE_RADIUS_MM = 2.5, 0.5
+"""Half the sides of the windows, without the cell in the middle, that separate detail from base,
+and fine detail from wide."""
 
 BASE_EDGE = 0.10
 """Steps (ln) well above this, as the muscle's edge, belong to the base and get no halo."""
@@ -109,14 +110,15 @@ def present(
     -----
     1. Peripheral equalization (`missing_attenuation`): what margin, nipple and thin places lack
        against fat at full thickness is added. It is smooth, so details keep their contrast.
-       Skin and nipple are raised towards the level of gland (`raised_edge`).
+       Margin, skin and nipple are raised towards the level of gland (`raised_edge`).
     2. The sum is split into a base, smoothed over a window of 5 mm by the guided filter of He et
        al. (2013, IEEE Trans Pattern Anal Mach Intell 35:1397), which keeps strong edges, and
-       detail.
+       detail, of which the same filter of 1.5 mm leaves the wide part.
     3. The base is shown on a curve with a long toe and a shoulder by the levels of fat and gland;
        muscle that fills a corner of the image is left out of the levels and lies on the shoulder.
-       Detail is added with the slope of the straight part times the look's gain. This is the
-       local contrast enhancement of scanners in its simplest form.
+       Detail is added with the slope of the straight part times the look's gains: fine detail is
+       enhanced more than wide. This is the multiscale enhancement of scanners (as in Vuylsteke
+       and Schoeters 1994, Proc SPIE 2167:551) in its simplest form.
     4. Before all this the finest noise is smoothed and fine detail raised, as scanners do.
 
     At any one place more attenuation is always brighter (except for the overshoot of the raised
@@ -132,14 +134,15 @@ def present(
         low, contrast = _levels(equalized, margin, plateau, _resampled(region, coarse.shape))
         raised = raised_edge(equalized, margin, low, contrast)
         missing, equalized = missing + raised, equalized + raised
-        radius = max(1, round(BASE_RADIUS_MM / margin.cell_mm))
-        base, even = _base(np.maximum(equalized, low - FLOOR_CONTRAST * contrast), radius)
+        level = np.maximum(equalized, low - FLOOR_CONTRAST * contrast)
+        base, even = _base(level, BASE_RADIUS_MM / margin.cell_mm)
+        middle, _ = _base(level, MIDDLE_RADIUS_MM / margin.cell_mm)
         fat_place = TOE * (1.0 + np.log(FAT_GREY / TOE))  # what the toe shows as fat's grey
-        gain = LOOKS[look].gain * max(contrast / DETAIL_CONTRAST, 1.0)
-        curve = ToneCurve(low, contrast, fat_place, GLAND_GREY, TOE, SHOULDER, WHITE, gain)
+        gains = np.array(LOOKS[look].gains) * max(contrast / DETAIL_CONTRAST, 1.0)
+        curve = ToneCurve(low, contrast, fat_place, GLAND_GREY, TOE, SHOULDER, WHITE, *gains)
         smooth = _restored(attenuation, LOOKS[look], pixel_mm)
         present_kernel(
-            smooth, missing, rise, base, even, float(cell), curve, float(MAXIMUM), pixels
+            smooth, missing, rise, base, middle, even, float(cell), curve, float(MAXIMUM), pixels
         )
     return Presentation(pixels, (MAXIMUM + 1) / 2, float(MAXIMUM + 1))
 
@@ -175,13 +178,13 @@ def _levels(
 
 
 def _base(
-    level: NDArray[np.float64], radius: int
+    level: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The image without its details, by the guided filter, guided by the image itself.
 
     Also how even each place is: 0 where strong steps near it are kept.
     """
-    size = 2 * radius + 1
+    size = 2 * max(1, round(radius)) + 1
 
     def window_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
         mean: NDArray[np.float64] = ndimage.uniform_filter(values, size, mode="nearest")

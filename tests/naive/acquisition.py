@@ -106,7 +106,7 @@ def bent(value, toe, shoulder, white):
     return value
 
 
-def grey(attenuation, missing, rise, base, even, curve):
+def grey(attenuation, missing, rise, base, middle, even, curve):
     """Grey (0 to 1) of one pixel, coarse images given where it is."""
     part, inner = (3.0 * t**2 - 2.0 * t**3 for t in np.clip([rise, 0.5 * rise], 0.0, 1.0))
     level = attenuation + missing
@@ -117,18 +117,19 @@ def grey(attenuation, missing, rise, base, even, curve):
 
     straight = curve.fat_grey + slope * (base - curve.fat)
     below = bent(straight, curve.toe, curve.shoulder, curve.white)
-    detail = level - base
-    weak = 0.12 * inner * np.tanh(detail / 0.12)
-    # where the toe is flatter than 0.7, weak detail is raised to that slope, by 20 at most
+    weak = np.array([middle - base, level - middle])
+    strength = np.abs(weak).sum() / 0.12
+    weak *= inner * np.tanh(strength) / strength
+    strong = level - base - weak.sum()
+    enhanced = (curve.wide_gain, 1.0 + (curve.fine_gain - 1.0) * (0.5 + 0.5 * even)) @ weak
+    # where the toe is flatter than 0.45, weak detail is raised to that slope, by 20 at most
     toe_slope = np.clip(below / curve.toe, 0.05, 1.0)
-    raised = straight + slope * (
-        detail + (curve.gain - 1.0) * weak + curve.gain * max(0.7 / toe_slope - 1.0, 0.0) * weak
-    )
+    raised = straight + slope * (strong + max(0.45 / toe_slope, 1.0) * enhanced)
     # the derivative of the shoulder, no less than 0.4, but 1 for weak detail away from steps
     left = (curve.white - below) / (curve.white - curve.shoulder)
     shoulder_slope = np.clip(left**2, 0.4, 1.0)
     shown = below + shoulder_slope * (with_toe(raised) - with_toe(straight))
-    shown += (1.0 - shoulder_slope) * even * slope * curve.gain * weak
+    shown += (1.0 - shoulder_slope) * even * slope * enhanced
     shown = bent(max(shown, 0.0), 0.0, 0.85, 1.0)
     return part * shown * min(1.0, np.exp((raised - (curve.fat_grey - 0.4)) / 0.1))
 
