@@ -146,6 +146,28 @@ def test_what_is_shown_has_no_wide_background_and_keeps_a_lesion(image):
     assert 0.5 < inner(flat, LESION) - inner(flat, FAT) < 0.9
 
 
+def test_neither_a_bulge_at_the_wall_nor_a_nipple_throws_a_shadow():
+    """As below, without a lesion; 6 mm thicker at the wall, and with a nipple of 10 mm."""
+    pixel_mm, thickness_mm, radius_mm = 0.5, 40.0, 80.0
+    rows, columns = np.mgrid[0:400, 0:240] * pixel_mm
+    depth_mm = radius_mm - np.hypot(rows - 100.0, columns)
+    free = np.clip(1.0 - depth_mm / (0.5 * thickness_mm), 0.0, 1.0)
+    fat_mm = np.where(depth_mm > 0.0, thickness_mm * np.sqrt(1.0 - free**2), 0.0)
+    fat_mm += np.where(depth_mm > 0.0, 6.0 * np.clip(1.0 - columns / 5.0, 0.0, 1.0), 0.0)
+    nipple = (np.abs(rows - 100.0) < 5.0) & (columns > 75.0) & (columns < 86.0)
+    fat_mm = np.where(nipple, np.maximum(fat_mm, 8.0), fat_mm)
+    iodine = (0.8 * (fat_mm - thickness_mm)).astype(np.float32)
+    for turned in (slice(None), slice(None, None, -1)):  # the wall left or right
+        made = (iodine[:, turned], (0.05 * fat_mm[:, turned]).astype(np.float32))
+        shown = flattened(*made, pixel_mm, thickness_mm)[:, turned]
+        wall = (columns < 20.0) & (depth_mm > 3.0)
+        assert iodine[wall].max() > 4.0
+        assert np.abs(shown[wall]).max() < 0.9
+        behind = (np.abs(rows - 100.0) < 5.0) & (columns > 50.0) & (depth_mm > 6.0)
+        assert np.abs(shown[behind]).max() < 0.5
+        assert np.abs(shown[nipple & (depth_mm < -1.0)].mean()) < 0.5
+
+
 def test_the_margin_is_flat_up_to_the_skin():
     """A breast of fat whose margin is round, 0.8 mg/cm2 per mm, and a lesion near the skin."""
     pixel_mm, thickness_mm, radius_mm = 0.5, 40.0, 80.0

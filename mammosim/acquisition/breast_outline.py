@@ -65,7 +65,7 @@ def find_margin(coarse: F64, cell_mm: float) -> Margin | None:
     breast = _breast_mask(coarse)
     if not breast.any():
         return None
-    body = _without_nipple(breast, cell_mm)
+    body = without_nipple(breast, cell_mm)
     depth_mm = signed_depth(body, CONTOUR_SIGMA_MM / cell_mm) * cell_mm
     return Margin(breast, body, depth_mm, cell_mm)
 
@@ -81,8 +81,15 @@ def _breast_mask(coarse: F64) -> NDArray[np.bool_]:
     return filled
 
 
-def _without_nipple(breast: NDArray[np.bool_], cell_mm: float) -> NDArray[np.bool_]:
-    """The breast without what protrudes from its rounded outline; the image border is none."""
+def without_nipple(breast: NDArray[np.bool_], cell_mm: float) -> NDArray[np.bool_]:
+    """The breast without what protrudes from its rounded outline; the image border is none.
+
+    Parameters
+    ----------
+    breast : ndarray of bool, [row, column]
+    cell_mm : float
+        Pitch of the grid, mm.
+    """
     wide = int(np.ceil(OUTLINE_RADIUS_MM / cell_mm)) + 1
     padded = np.pad(breast, wide, mode="edge")
     if padded.all():

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mammosim.acquisition.blocks import block_mean, cell_pixels
+from mammosim.acquisition.breast_outline import without_nipple
 
 CELL_MM = 1.0
 """Side of the cells in which the background is found."""
@@ -25,8 +26,16 @@ BACKGROUND_SIGMA_MM = 10.0
 eighth of its brightness by it, one of 20 mm two fifths. Chosen."""
 
 MAX_UNEVENNESS_MG_CM2 = 2.0
-"""What is further from the margin's profile than this counts as so much in that mean. Chosen, above
-the iodine of most lesions, so that a plate's edge leaves no wide shadow beside it."""
+"""What is further from the two profiles than this counts as so much in that mean. Chosen, above the
+iodine of most lesions, so that a plate's edge leaves no wide shadow beside it."""
+
+NIPPLE_SIGMA_MM, NIPPLE_CELLS = 1.0, 2
+"""The same for a nipple in profile, whose thickness has nothing to do with the margin's, and the
+cells around it that belong to it. Chosen."""
+
+WALL_MM = 20.0
+"""So far from the chest wall the breast is taken to thicken alike all along it: it bulges behind
+the plates' edge, which is rounded, and begins to do so in front of it. Chosen."""
 
 
 def flattened(
@@ -48,13 +57,16 @@ def flattened(
 
     Notes
     -----
-    A millimetre of fat more or less is as bright as 0.8 mg/cm2. Two things are taken for a
+    A millimetre of fat more or less is as bright as 0.8 mg/cm2. Three things are taken for a
     difference of thickness and subtracted:
 
     * the median over all places at one distance from the skin, as far in as the breast is thick
       and constant from there on: the margin bulges freely, and nearly alike all along the breast.
       Clinical systems also correct it by a model of the margin's shape, and leave a rim in 97
-      to 99 per cent of images (Yagil et al. 2016, Clin Radiol 71:450);
+      to 99 per cent of images (Yagil et al. 2016, Clin Radiol 71:450). A nipple in profile is
+      left out, since behind it the margin is no deeper, and loses its own mean;
+    * of the rest, the median over all places at one distance from the chest wall, up to `WALL_MM`:
+      the breast bulges behind the plates' edge too;
     * of the rest, the mean over `BACKGROUND_SIGMA_MM` inside the breast.
 
     Nothing is subtracted outside the breast.
@@ -64,14 +76,17 @@ def flattened(
     if not inside.any():
         return iodine.copy()
     level, cell_mm = block_mean(iodine, cell), cell * pixel_mm
-    depth_mm = _depth_mm(inside, cell_mm, thickness_mm)
-    margin = inside & (depth_mm < thickness_mm)
+    body = without_nipple(inside, cell_mm)
+    depth_mm = _depth_mm(body, cell_mm, thickness_mm)
+    margin = body & (depth_mm < thickness_mm)
     places_mm, profile = _profile(level[margin], depth_mm[margin])
-    uneven = np.clip(
-        level - np.interp(depth_mm, places_mm, profile),
-        -MAX_UNEVENNESS_MG_CM2, MAX_UNEVENNESS_MG_CM2,
-    )  # fmt: skip
-    wide = _mean_inside(uneven, inside, BACKGROUND_SIGMA_MM / cell_mm)
+    uneven = level - np.interp(depth_mm, places_mm, profile)
+    uneven -= (wall := _wall(uneven, body, cell_mm))
+    nipple = inside & ndimage.binary_dilation(inside & ~body, iterations=NIPPLE_CELLS)
+    own = _mean_inside(uneven, nipple, NIPPLE_SIGMA_MM / cell_mm)
+    np.clip(uneven, -MAX_UNEVENNESS_MG_CM2, MAX_UNEVENNESS_MG_CM2, out=uneven)
+    mean = _mean_inside(uneven, body, BACKGROUND_SIGMA_MM / cell_mm)
+    wide = np.where(nipple, own, wall + mean)
     flat = iodine.copy()
     for line, depth, mean, within in zip(
         flat, *(_in_pixels(grid, cell, iodine.shape) for grid in (depth_mm, wide, inside)),
@@ -79,6 +94,24 @@ def flattened(
     ):  # fmt: skip
         line -= np.where(within > 0.0, np.interp(depth, places_mm, profile) + mean, 0.0)
     return flat
+
+
+def _wall(
+    level: NDArray[np.float64], body: NDArray[np.bool_], cell_mm: float
+) -> NDArray[np.float64]:
+    """Median of each column near the chest wall, the image's side that more of the breast touches.
+
+    Counted from the last column, behind which nothing is subtracted.
+    """
+    wall = np.zeros(level.shape)
+    ahead = slice(None, None, 1 if body[:, 0].sum() >= body[:, -1].sum() else -1)
+    columns = min(round(WALL_MM / cell_mm) + 1, level.shape[1])
+    near = [
+        float(np.median(values[within])) if within.any() else 0.0
+        for values, within in zip(level.T[ahead][:columns], body.T[ahead][:columns], strict=True)
+    ]
+    wall[:, ahead][:, :columns] = np.array(near) - near[-1]
+    return wall
 
 
 def _breast(attenuating: NDArray[np.bool_]) -> NDArray[np.bool_]:
