@@ -27,7 +27,8 @@ from mammosim.phantom.anatomy import (
     _surface_kernels,
     expected_volume_ml,
 )
-from mammosim.phantom.anatomy.axilla import draw_axilla
+from mammosim.phantom.anatomy.axilla import along_mm, draw_axilla
+from mammosim.phantom.anatomy.body import draw_body
 from mammosim.phantom.anatomy.muscle import draw_muscle, fit_volume
 from mammosim.phantom.anatomy.outline import Outline, coarse_frame, mesh, near_depth, skin_depth
 from mammosim.phantom.anatomy.shape import draw_shape, like
@@ -199,6 +200,25 @@ def test_the_muscle_is_a_triangle_in_the_oblique_view(scattered):
     assert depths[0] < 8.0
     assert (np.diff(depths) > 0).all()
     assert depths[-1] > 18.0
+
+
+def test_the_muscle_is_as_thick_towards_the_axilla_as_oblique_images_show_it():
+    """There it is 30 to 58 mm wide once pressed, and 15 mm of it lie behind the image."""
+    at_end, at_nipple, below = [], [], []
+    for seed in range(12):
+        settings = GenerateSettings(volume_ml=250.0 + 80.0 * seed)
+        body = draw_body(settings, seed, "LR"[seed % 2])
+        x, lateral, superior = mesh(body.frame)
+        way = along_mm(lateral, superior)
+        front = (x + body.muscle_mm)[0]  # the depth falls by a millimetre a millimetre along x
+        at_end.append(front[np.abs(way[0] - body.outline.axilla.cut_mm) < 2.0].max())
+        at_nipple.append(front[np.abs(way[0]) < 2.0].max())
+        below.append(front[np.broadcast_to(superior[0] < 0.0, front.shape)].max())
+    assert 30.0 < min(at_end) < max(at_end) < 65.0
+    assert np.std(at_end) > 3.0
+    # The triangle ends at about the nipple's level; the slab below is that of the chest wall.
+    assert 12.0 < np.median(at_nipple) < 22.0
+    assert max(below) < 6.0
 
 
 def test_tissue_covers_the_muscle(scattered):

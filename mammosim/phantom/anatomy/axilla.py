@@ -27,9 +27,13 @@ breast: far enough out that it lies below the breast's own surface in views with
 it stood out there, compression would fold the hollow before it into a crease across the image."""
 
 
-BODY_PART, BODY_MM = 0.4, 62.0
-"""The ridge is sized by this part of an average breast's radius and the rest of its own: the body
-varies less than the breast."""
+BODY_PART, BODY_MM = 0.6, 62.0
+"""The ridge's width and length are sized by this part of an average breast's radius and the rest of
+its own: the body varies less than the breast. Chosen."""
+
+HEIGHT = (0.70, 0.90)
+"""Height of the ridge against the breast's depth, chosen so that the picture is as wide at its
+upper edge as clinical ones, 0.72 to 0.96 of its greatest width (docs/explanation/pictures.md)."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +59,11 @@ class Axilla:
 
 
 def draw_axilla(shape: Shape, rng: np.random.Generator) -> Axilla:
-    """A ridge that suits a breast: the body behind it varies less than the breast does."""
+    """A ridge that suits a breast: as high for its depth, and about as wide as the body has it."""
     radius = BODY_PART * BODY_MM + (1.0 - BODY_PART) * shape.radius_mm
     start = 0.5 * shape.base_superior_mm
     return Axilla(
-        height_mm=radius * rng.uniform(0.76, 0.94),
+        height_mm=shape.depth_mm * rng.uniform(*HEIGHT),
         half_width_mm=radius * rng.uniform(0.72, 0.90),
         offset_mm=start + radius * rng.uniform(-0.05, 0.1),
         cut_mm=radius * rng.uniform(1.50, 1.80) + start,

@@ -17,13 +17,17 @@ from mammosim.phantom.anatomy.axilla import across_mm, along_mm
 from mammosim.phantom.anatomy.noise import smooth_noise
 from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, mesh, near_depth
 
-LOW_MM, LOW_FROM_MM, LOW_OVER_MM = 10.0, 12.0, 55.0
-"""The muscle's wedge is no thicker than the first up to the second above the nipple; over the third
-this limit is lost, mm. Chosen so that it shows in oblique views down to the nipple, and little
-between the plates of craniocaudal ones."""
+LOW_MM, LOW_FROM, LOW_OVER = 10.0, 0.22, 1.05
+"""The muscle's wedge is no thicker than the first, mm, up to the second above the nipple; over the
+third this limit is lost, both in radii of the breast. Chosen so that it shows in oblique views down
+to the nipple, and little between the plates of craniocaudal ones."""
 
 COVER_MM = 7.0
 """Least skin and fat over the muscle, mm."""
+
+OWN_PART, OWN_MM = 0.5, 50.0
+"""The muscle is sized by this part of what it measures in the average woman, mm, and the rest of
+the ridge's height: it varies less than the breast does. Chosen."""
 
 FAT_IN_MUSCLE = 0.122
 """Share of fat between and within the muscle's bundles, as their walls and streaks make it."""
@@ -45,7 +49,8 @@ class Muscle:
     Parameters
     ----------
     wedge : float
-        At the open end, as a fraction of the axillary ridge's height.
+        At the open end, against the mean of the axillary ridge's height and `OWN_MM`: how far
+        positioning draws the muscle off the chest wall.
     start_mm : float
         Where along the way to the axilla the wedge starts, against the nipple, mm.
     bulge : float
@@ -68,7 +73,8 @@ class Muscle:
 
 
 def draw_muscle(rng: np.random.Generator) -> Muscle:
-    """A muscle; its wedge grows with the ridge that it runs in."""
+    """A muscle whose wedge is 30 to 58 mm wide where an oblique picture ends, and ends at about the
+    nipple's level, as on clinical images."""
     waves = tuple(
         (
             float(rng.uniform(0.3, 0.8)),
@@ -79,9 +85,9 @@ def draw_muscle(rng: np.random.Generator) -> Muscle:
         for _ in range(4)
     )
     return Muscle(
-        wedge=rng.uniform(0.58, 0.74),
-        start_mm=rng.uniform(-40.0, -10.0),
-        bulge=rng.uniform(0.85, 1.1),
+        wedge=rng.uniform(0.78, 0.96),
+        start_mm=rng.uniform(-70.0, -40.0),
+        bulge=rng.uniform(0.85, 1.05),
         medial_mm=rng.uniform(3.0, 4.5),
         lateral_mm=rng.uniform(0.3, 0.9),
         bow=rng.uniform(0.15, 0.35),
@@ -96,11 +102,13 @@ def muscle_depth(muscle: Muscle, outline: Outline, frame: VoxelFrame) -> NDArray
     rise = np.clip((along_mm(lateral, superior) - muscle.start_mm) / (end - muscle.start_mm), 0, 2)
     # Below the nipple there is no wedge, and little above it stays behind the plates of a
     # craniocaudal view.
-    above = smooth_step((superior - LOW_FROM_MM) / LOW_OVER_MM)
-    most = LOW_MM * smooth_step(superior / LOW_FROM_MM) + outline.axilla.height_mm * above
+    up = superior / radius
+    above = smooth_step((up - LOW_FROM) / LOW_OVER)
+    height = outline.axilla.height_mm
+    most = LOW_MM * smooth_step(up / LOW_FROM) + (height - COVER_MM) * above
     across = across_mm(lateral, superior) - outline.axilla.offset_mm
     aside = np.clip(across / outline.axilla.half_width_mm, -1.5, 1.5)
-    wedge = muscle.wedge * outline.axilla.height_mm * rise**muscle.bulge
+    wedge = muscle.wedge * (OWN_PART * OWN_MM + (1.0 - OWN_PART) * height) * rise**muscle.bulge
     wedge = wedge * (1.0 - muscle.bow * aside**2)
     for amplitude, along, sideways, phase in muscle.waves:
         turn = along * along_mm(lateral, superior) + sideways * across + phase

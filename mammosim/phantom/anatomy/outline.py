@@ -116,16 +116,17 @@ def _joined(outline: Outline, points_mm: Points, step_mm: float) -> NDArray[np.f
 
 def _to_first_order(value: NDArray[np.float64], step_mm: float) -> NDArray[np.float64]:
     """Distance from a level's zero, mm: level / |gradient|, bounded where it means nothing."""
-    distance: NDArray[np.float64] = value / np.maximum(_steepness(value, step_mm), 1e-6)
+    distance: NDArray[np.float64] = value / np.maximum(steepness(value, step_mm), 1e-6)
     return np.clip(distance, -40.0, 40.0)
 
 
 def _of_unit_slope(depth_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """A depth near the skin divided by its slope, which is not one where two bodies join."""
-    divided: NDArray[np.float64] = depth_mm / np.maximum(_steepness(depth_mm), 0.3)
+    divided: NDArray[np.float64] = depth_mm / np.maximum(steepness(depth_mm), 0.3)
     return divided
 
 
-def _steepness(value: NDArray[np.float64], step_mm: float = GRID_MM) -> NDArray[np.float64]:
+def steepness(value: NDArray[np.float64], step_mm: float = GRID_MM) -> NDArray[np.float64]:
+    """Change of a field per millimetre in the direction in which it changes most."""
     slope: NDArray[np.float64] = np.sqrt(sum(part**2 for part in np.gradient(value, step_mm)))
     return slope

@@ -65,8 +65,11 @@ def generate_outline(
         ndimage.map_coordinates(field, at, order=1, mode="nearest")
         for field in np.broadcast_arrays(body.depth_mm, body.muscle_mm, room)
     )
-    within = np.sort(gland[(depth > body.skin_mm) & (muscle < 0.0)])
-    fat = int(within.size * (1.0 - settings.target_percent / 100.0))
+    inside = depth > body.skin_mm
+    within = np.sort(gland[inside & (muscle < 0.0)])
+    # Fat within muscle counts as breast, as in `generate_phantom`.
+    counted = within.size + FAT_IN_MUSCLE * np.count_nonzero(inside & (muscle >= 0.0))
+    fat = max(within.size - int(settings.target_percent / 100.0 * counted), 0)
     paint = paint._replace(threshold=float(within[min(fat, within.size - 1)]))
     labels = np.zeros(depth.shape, np.uint8)
     paint_outline(labels, lattice, paint, depth, muscle, gland, body.skin_mm, float(FAT_IN_MUSCLE))

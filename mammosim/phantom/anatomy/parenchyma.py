@@ -13,7 +13,7 @@ from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy.ducts import DuctTrees, tree_distance
 from mammosim.phantom.anatomy.lobules import across_and_pressed
 from mammosim.phantom.anatomy.noise import noise_over, smooth_noise
-from mammosim.phantom.anatomy.outline import Outline, mesh
+from mammosim.phantom.anatomy.outline import Outline, mesh, steepness
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,8 @@ def gland_room(
     fat = 2.0 + (kind.fat_mm * np.clip(1.0 + 0.3 * uneven, 0.5, 1.7) - 2.0) * back**0.8
     from_skin = (skin_depth_mm - fat) / 5.0
     behind = np.clip(9.0 + 3.0 * smooth_noise(rng, frame, 35.0), 4.0, None)
-    from_muscle = (-muscle_depth_mm - behind) / 1.5
+    # The muscle's depth is along x; its front is up to twice as steep.
+    from_muscle = (-muscle_depth_mm / steepness(muscle_depth_mm) - behind) / 1.5
     # The gland leans to the upper outer quadrant, where most of it is.
     lean = np.cos(np.arctan2(superior, lateral) - np.deg2rad(rng.normal(50.0, 15.0)))
     slant = np.rad2deg(np.arctan2(across, ahead))
