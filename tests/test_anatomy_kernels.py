@@ -123,17 +123,20 @@ def test_gathered_cells_give_the_walls_of_all_cells(net):
         for _ in range(5):
             place = centre + rng.uniform(-1.0, 1.0, 3)
             cells = (place - drawn.origin_mm) / 10.0
-            gap, inside = _net_kernels.wall_distance(near, found, *cells, 1.1)
+            gap, inside = _net_kernels.wall_distance(
+                near.place, near.pair, near.block, near.holding[0], found, *cells, 1.1
+            )
             gaps, fatness = naive.wall(drawn, place, slope)
             assert gap == pytest.approx(naive.rounded(gaps, 1.1), rel=1e-5, abs=1e-6)
             assert near.fatness[inside] == pytest.approx(fatness)
 
 
-def filled(near, cells, at, thick_mm, voxel_mm, border_mm):
+def filled(near, count, at, thick_mm, voxel_mm, border_mm):
     """Part of a voxel at a place of the lattice that the walls of gathered cells fill."""
-    inside, least, _, _ = _net_kernels.three_nearest(near.place, cells, *at)
+    cells = np.arange(count)
+    inside, least, _, _ = _net_kernels.three_nearest(near.place, cells, count, *at)
     return _net_kernels.wall_fill(
-        near.place, near.pair, cells, inside, least, at, thick_mm, voxel_mm, border_mm
+        near.place, near.pair, cells, count, inside, least, at, thick_mm, voxel_mm, border_mm
     )
 
 
@@ -156,7 +159,7 @@ def test_a_thread_fills_its_cross_section_whatever_the_voxel():
         for voxel in (0.1, 0.3, 0.8):
             axis = np.arange(-4.0 + 0.31 * voxel, 4.0, voxel)
             gaps = np.hypot(*np.meshgrid(axis, axis + 0.2 * voxel))
-            filling = [_net_kernels.thread_fill(gap, radius, voxel) for gap in gaps.ravel()]
+            filling = [_tube_kernels.thread_fill(gap, radius, voxel) for gap in gaps.ravel()]
             assert filling[:40] == [naive.thread_fill(g, radius, voxel) for g in gaps.ravel()[:40]]
             # A cone a voxel wide meets only a few voxel centres.
             area = np.sum(filling) * voxel**2

@@ -89,19 +89,23 @@ ADIPOSE, SKIN, GLAND, NIPPLE, MUSCLE, LIGAMENT, EIGHTH, QUARTER, HALF = range(9)
 
 
 class Places(NamedTuple):
-    """Scratch of places of a block: where they are, where noise is looked up for them, its
-    gradients, and what the noise comes to."""
+    """Scratch of places of a block: where they are, in mm and in parts of its side, their distance
+    (a third of its logarithm) and direction from the nipple, where noise is looked up for them, its
+    gradients, and what the noise, or all of the potential, comes to."""
 
     at_mm: NDArray[np.float64]
+    part: NDArray[np.float64]
+    fan: NDArray[np.float64]
     seen: NDArray[np.float64]
     gradients: NDArray[np.float64]
     noise: NDArray[np.float64]
 
 
 class Block(NamedTuple):
-    """Scratch of one block: corners of each channel, its sub-grid, slope of the net's coordinates,
-    walls near it, a row's ends of each channel, the planes of the sub-grid that are wanted, and
-    places of it."""
+    """Scratch of one block: corners of each channel, its sub-grid and a row of it, slope and
+    centre of the net's coordinates, first node of a cell of the sub-grid, the sides of a layer of
+    rows, net coordinates at the block's corners and a row's ends, walls near it, the planes of the
+    sub-grid that are wanted, and places of it."""
 
     corner: NDArray[np.float64]
     sub: NDArray[np.float64]
@@ -109,7 +113,9 @@ class Block(NamedTuple):
     slope: NDArray[np.float64]
     centre: NDArray[np.float64]
     low: NDArray[np.float64]
-    step: NDArray[np.float64]
+    side: NDArray[np.float64]
+    corners: NDArray[np.float64]
+    ends: NDArray[np.float64]
     near: Near
     wanted: NDArray[np.bool_]
     places: Places
@@ -120,9 +126,11 @@ def new_block() -> Block:
     n = SUB_STEPS + 1
     return Block(
         np.empty((CHANNELS, 8)), np.empty((n, n, n)), np.empty(n), np.empty((3, 3)), np.empty(3),
-        np.empty(CHANNELS), np.empty(CHANNELS), new_near(), np.zeros((3, n), np.bool_),
+        np.empty(3), np.empty((CHANNELS, 4)), np.empty((8, 3)), np.empty((2, 3)), new_near(),
+        np.zeros((3, n), np.bool_),
         Places(
-            np.empty((n**3, 3)), np.empty((n**3, 3)), np.empty((MAX_CORNERS, 3)), np.empty(n**3)
+            np.empty((n**3, 3)), np.empty((n**3, 3)), np.empty((n**3, 3)), np.empty((n**3, 3)),
+            np.empty((MAX_CORNERS, 3)), np.empty(n**3),
         ),
     )  # fmt: skip
 
@@ -157,13 +165,20 @@ def trilinear(corner: NDArray[np.float64], channel: int, u: float, v: float, w: 
     return (1.0 - u) * low + u * high
 
 
+@kernel
+def layer_sides(corner: NDArray[np.float64], v: float, side: NDArray[np.float64]) -> None:
+    """All channels where a layer across the second axis meets the edges of its block."""
+    for channel in range(CHANNELS):
+        for edge in range(4):
+            c = 4 * (edge >> 1) + (edge & 1)
+            side[channel, edge] = (1.0 - v) * corner[channel, c] + v * corner[channel, c + 2]
+
+
 @merged_kernel
-def row_end(corner: NDArray[np.float64], channel: int, u: float, v: float, w: int) -> float:
-    """Value of a channel at an end of a row of the block."""
-    return _bilinear(
-        corner[channel, w], corner[channel, 2 + w], corner[channel, 4 + w],
-        corner[channel, 6 + w], u, v,
-    )  # fmt: skip
+def along_row(side: NDArray[np.float64], channel: int, u: float) -> tuple[float, float]:
+    """Value of a channel at the start of a row of a layer, and its change up to the end."""
+    low = (1.0 - u) * side[channel, 0] + u * side[channel, 2]
+    return low, (1.0 - u) * side[channel, 1] + u * side[channel, 3] - low
 
 
 @merged_kernel

@@ -44,9 +44,6 @@ MOST_BORDER, BORDER_PART, BORDER_SLOPE = 1.8, 0.65, 2.5
 reaches along a wall, where it is a twenty-fifth of its size thick; and how steeply the sum that
 decides on it rises across its face."""
 
-CONE = 1.7320508
-"""Base of a cone of `thread_fill` that is 1 in the middle, against the thread's radius: sqrt 3."""
-
 
 class Net(NamedTuple):
     """Points of a net, one a lattice cell: `seeds` is (nx, ny, nz, 6), lengths in lattice cells."""
@@ -63,8 +60,11 @@ class Near(NamedTuple):
     for the cell that holds x. The first `holding` cells are those that hold a place of the block.
     `pair` is (n, n, 2), known for these and all others: by what a difference of q must be
     multiplied to be a distance from their wall in mm, and the wall's thickness against the mean.
-    `scale` is the least of these factors of each, which bounds its distance from all walls. The
-    rest is room for the cells that are looked at, by their place from the middle of the block, q
+    `scale` is the least of these factors of each, which bounds its distance from all walls;
+    `closest` that of any cell's walls with holders. `block` and `row` are lists of the cells whose
+    walls come near a block, all that were gathered at first, and near a row of it; `q` is room for
+    their q at its ends. The rest is
+    room for the cells that are looked at, by their place from the middle of the block, q
     there, weight, fatness and tag; which of them hold a place; and which are kept.
     """
 
@@ -73,6 +73,10 @@ class Near(NamedTuple):
     tag: NDArray[np.float64]
     pair: NDArray[np.float64]
     scale: NDArray[np.float64]
+    closest: NDArray[np.float64]
+    block: NDArray[np.int64]
+    row: NDArray[np.int64]
+    q: NDArray[np.float64]
     holding: NDArray[np.int64]
     around: NDArray[np.float64]
     holder: NDArray[np.int64]
@@ -84,7 +88,8 @@ def new_near() -> Near:
     """Room for the cells near a block."""
     return Near(
         np.empty((MAX_NEAR, 4)), np.empty(MAX_NEAR), np.empty(MAX_NEAR),
-        np.empty((MAX_NEAR, MAX_NEAR, 2)), np.empty(MAX_NEAR),
+        np.empty((MAX_NEAR, MAX_NEAR, 2)), np.empty(MAX_NEAR), np.empty(MAX_NEAR),
+        np.empty(MAX_NEAR, np.int64), np.empty(MAX_NEAR, np.int64), np.empty((8, MAX_NEAR)),
         np.zeros(1, np.int64), np.empty((LOOKED_AT, 7)), np.empty(LOOKED_AT, np.int64),
         np.empty(LOOKED_AT, np.bool_),
     )  # fmt: skip
@@ -108,19 +113,21 @@ def gather(
     y = (centre_mm[1] - net.origin_mm[1]) / c
     z = (centre_mm[2] - net.origin_mm[2]) / c
     i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
-    seeds, around = net.seeds, near.around
-    best, first, count = np.inf, 0, 0
+    seeds, around, kept, holder = net.seeds, near.around, near.kept, near.holder
+    best, first, count = np.inf, np.intp(0), np.intp(0)
     for a in range(max(i - 2, 0), min(i + 3, seeds.shape[0])):
         for b in range(max(j - 2, 0), min(j + 3, seeds.shape[1])):
             for d in range(max(k - 2, 0), min(k + 3, seeds.shape[2])):
-                seed = seeds[a, b, d]
-                if seed[WEIGHT] < ABSENT:
+                weight = seeds[a, b, d, WEIGHT]
+                if weight < ABSENT:
                     continue
-                px, py, pz = a + seed[X] - x, b + seed[Y] - y, d + seed[Z] - z
-                q = px * px + py * py + pz * pz - seed[WEIGHT]
+                px, py = a + seeds[a, b, d, X] - x, b + seeds[a, b, d, Y] - y
+                pz = d + seeds[a, b, d, Z] - z
+                q = px * px + py * py + pz * pz - weight
                 around[count, 0], around[count, 1], around[count, 2] = px, py, pz
-                around[count, 3], around[count, 4] = q, seed[WEIGHT]
-                around[count, 5], around[count, 6] = seed[FATNESS], seed[TAG]
+                around[count, 3], around[count, 4] = q, weight
+                for part in (FATNESS, TAG):
+                    around[count, part + 1] = seeds[a, b, d, part]
                 if q < best:
                     best, first = q, count
                 count += 1
@@ -128,84 +135,92 @@ def gather(
         return 0
     # Rounding must not lose a cell whose wall a corner of the block lies on.
     radius, far = 1.000001 * radius_mm / c, (radius_mm + reach_mm) / c
-    holders = _holders(near, count, first, radius)
-    n = 0
+    holders = _holders(around, holder, kept, count, first, radius)
+    n, chosen = np.intp(holders), near.block
     for h in range(holders):
-        _keep(near, near.holder[h], n, x, y, z)
-        n += 1
+        chosen[h] = holder[h]
     for m in range(count):
-        if n < MAX_NEAR and not near.kept[m] and _comes_near(near, holders, m, far):
-            _keep(near, m, n, x, y, z)
+        if n < MAX_NEAR and not kept[m] and _comes_near(around, holder, holders, m, far):
+            chosen[n] = m
             n += 1
+    _keep(near, n, x, y, z)
     near.holding[0] = holders
     _pairs(near, holders, n, c, slope)
-    return n
+    return int(n)
 
 
 @kernel
-def _keep(near: Near, m: int, n: int, x: float, y: float, z: float) -> None:
-    """Make a cell of `around` the n-th that is near."""
-    around, place = near.around, near.place
-    place[n, 0], place[n, 1], place[n, 2] = x + around[m, 0], y + around[m, 1], z + around[m, 2]
-    squared = place[n, 0] ** 2 + place[n, 1] ** 2 + place[n, 2] ** 2
-    place[n, 3] = squared - around[m, 4]
-    near.fatness[n], near.tag[n] = around[m, 5], around[m, 6]
-    near.kept[m] = True
+def _keep(near: Near, n: int, x: float, y: float, z: float) -> None:
+    """Make the first n cells of `around` that `block` lists those that are near, and list these."""
+    around, place, chosen = near.around, near.place, near.block
+    fatness, tag = near.fatness, near.tag
+    for c in range(n):
+        m = chosen[c]
+        place[c, 0], place[c, 1], place[c, 2] = x + around[m, 0], y + around[m, 1], z + around[m, 2]
+        squared = place[c, 0] ** 2 + place[c, 1] ** 2 + place[c, 2] ** 2
+        place[c, 3] = squared - around[m, 4]
+        fatness[c], tag[c] = around[m, 5], around[m, 6]
+        chosen[c] = c
 
 
 @kernel
-def _holders(near: Near, count: int, first: int, radius: float) -> int:
+def _holders(
+    around: NDArray[np.float64], holder: NDArray[np.int64], kept: NDArray[np.bool_], count: int,
+    first: int, radius: float,
+) -> int:  # fmt: skip
     """Cells around that may hold a place within a radius, lattice cells; how many, the holder of
     the middle first."""
-    around, holder = near.around, near.holder
-    holder[0], n = first, 1
+    holder[0], n = first, np.intp(1)
     for m in range(count):
-        near.kept[m] = False
         further = around[m, 3] - around[first, 3]
+        kept[m] = m == first
         if m != first and n < MAX_NEAR and further <= 2.0 * radius * _apart(around, m, first):
-            holder[n] = m
+            holder[n], kept[m] = m, True
             n += 1
-    return n
+    return int(n)
 
 
-@kernel
+@merged_kernel
 def _apart(around: NDArray[np.float64], m: int, n: int) -> float:
     x, y = around[m, 0] - around[n, 0], around[m, 1] - around[n, 1]
     z = around[m, 2] - around[n, 2]
     return np.sqrt(x * x + y * y + z * z)
 
 
-@kernel
-def _comes_near(near: Near, holders: int, m: int, far: float) -> bool:
+@merged_kernel
+def _comes_near(
+    around: NDArray[np.float64], holder: NDArray[np.int64], holders: int, m: int, far: float
+) -> bool:
     """Whether a cell's wall with one of the holders comes as near as `far`, in lattice cells."""
-    around = near.around
+    comes = False
     for h in range(holders):
-        n = near.holder[h]
-        further = around[m, 3] - around[n, 3]
-        if further <= 0.0 or further <= 2.0 * far * _apart(around, m, n):
-            return True
-    return False
+        further = around[m, 3] - around[holder[h], 3]
+        comes = comes or further <= 2.0 * far * _apart(around, m, holder[h])
+    return comes
 
 
 @kernel
 def _pairs(near: Near, holders: int, n: int, cell_mm: float, slope: NDArray[np.float64]) -> None:
     """Scale of distance and thickness of the wall between each holder and the gathered cells."""
+    place, tag, pair, scale, closest = near.place, near.tag, near.pair, near.scale, near.closest
+    for b in range(n):
+        closest[b] = np.inf
     for a in range(holders):
-        near.scale[a] = np.inf
+        scale[a] = np.inf
         for b in range(n):
             if a == b:
                 continue
-            dx = near.place[b, 0] - near.place[a, 0]
-            dy = near.place[b, 1] - near.place[a, 1]
-            dz = near.place[b, 2] - near.place[a, 2]
+            dx, dy = place[b, 0] - place[a, 0], place[b, 1] - place[a, 1]
+            dz = place[b, 2] - place[a, 2]
             gx = slope[0, 0] * dx + slope[1, 0] * dy + slope[2, 0] * dz
             gy = slope[0, 1] * dx + slope[1, 1] * dy + slope[2, 1] * dz
             gz = slope[0, 2] * dx + slope[1, 2] * dy + slope[2, 2] * dz
             # The difference of q changes by twice this a real mm, once in cells.
             steep = np.sqrt(gx * gx + gy * gy + gz * gz)
-            near.pair[a, b, 0] = 0.5 * cell_mm / max(steep, 1e-9)
-            near.scale[a] = min(near.scale[a], near.pair[a, b, 0])
-            near.pair[a, b, 1] = _wall_strength(near.tag[a], near.tag[b])
+            pair[a, b, 0] = 0.5 * cell_mm / max(steep, 1e-9)
+            scale[a] = min(scale[a], pair[a, b, 0])
+            closest[b] = min(closest[b], pair[a, b, 0])
+            pair[a, b, 1] = _wall_strength(tag[a], tag[b])
 
 
 @kernel
@@ -242,23 +257,28 @@ def _wall_strength(one: float, other: float) -> float:
 
 @merged_kernel
 def wall_distance(
-    near: Near, n: int, x: float, y: float, z: float, rounding_mm: float
-) -> tuple[float, int]:
+    place: NDArray[np.float64], pair: NDArray[np.float64], cells: NDArray[np.int64], holding: int,
+    n: int, x: float, y: float, z: float, rounding_mm: float,
+) -> tuple[float, int]:  # fmt: skip
     """Distance to the nearest wall of a net, mm, and which of the cells holds a point.
 
-    x, y, z are net coordinates in lattice cells. Near an edge the distance is less, so that where
-    it has one value the cell's corners are round: a polynomial smooth minimum of two, of which no
-    distance above `ROUNDING_REACH` roundings counts, so that cells farther away need not be known.
+    The first n of `cells` count; those below `holding` hold places. x, y, z are net coordinates in
+    lattice cells. Near an edge the distance is less, so that where it has one value the cell's
+    corners are round: a polynomial smooth minimum of two, of which no distance above
+    `ROUNDING_REACH` roundings counts, so that cells farther away need not be known.
     """
-    place, pair = near.place, near.pair
     inside, least = 0, np.inf
-    for a in range(near.holding[0]):
+    for m in range(n):
+        a = cells[m]
+        if a >= holding:
+            break
         q = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
         if q < least:
             inside, least = a, q
     far = ROUNDING_REACH * rounding_mm
     gap, second = far, far
-    for b in range(n):
+    for m in range(n):
+        b = cells[m]
         if b != inside:
             q = place[b, 3] - 2.0 * (place[b, 0] * x + place[b, 1] * y + place[b, 2] * z)
             other = (q - least) * pair[inside, b, 0]
@@ -283,30 +303,55 @@ def border_reach(border_mm: float, voxel_mm: float) -> float:
     return BORDER_PART * MOST_BORDER * border_mm + voxel_mm
 
 
-@merged_kernel
-def thread_reach(radius_mm: float, voxel_mm: float) -> float:
-    """Distance from its axis up to which a round thread fills voxels."""
-    return max(voxel_mm, CONE * radius_mm)
+@kernel
+def walls_between(
+    place: NDArray[np.float64], closest: NDArray[np.float64], cells: NDArray[np.int64],
+    count: int, ends: NDArray[np.float64], limit_mm: float, q: NDArray[np.float64],
+    out_cells: NDArray[np.int64],
+) -> int:  # fmt: skip
+    """Those of some cells whose walls come within a limit anywhere between ends; how many.
 
-
-@merged_kernel
-def thread_fill(gap_mm: float, radius_mm: float, voxel_mm: float) -> float:
-    """Part of a voxel that a round thread fills whose axis passes at a distance.
-
-    A cone over the distance that holds the thread's cross-section whatever the voxel: its base is
-    a voxel wide, or as wide as leaves 1 in the middle.
+    `ends` is (n, 3), net coordinates in lattice cells: both ends of a row, or the corners of a
+    block. Between them coordinates are linear in each direction, and so is the difference of q of
+    two cells: it is nowhere less than at one of the ends. `place`, `closest` and `q` are those of
+    `Near`.
     """
-    wide = thread_reach(radius_mm, voxel_mm)
-    return 3.0 * (radius_mm / wide) ** 2 * max(1.0 - gap_mm / wide, 0.0)
+    for e in range(ends.shape[0]):
+        x, y, z = ends[e, 0], ends[e, 1], ends[e, 2]
+        for m in range(count):
+            a = cells[m]
+            q[e, m] = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
+    kept = np.intp(0)
+    for m in range(count):
+        out_cells[m] = 1
+    for e in range(ends.shape[0]):
+        nearest, least = 0, np.inf
+        for m in range(count):
+            if q[e, m] < least:
+                nearest, least = m, q[e, m]
+        for m in range(count):
+            if out_cells[m] == 1:
+                gap = np.inf
+                for other in range(ends.shape[0]):
+                    gap = min(gap, q[other, m] - q[other, nearest])
+                # Rounding must not lose a wall.
+                if gap * closest[cells[m]] > 1.000001 * limit_mm:
+                    out_cells[m] = 0
+    for m in range(count):
+        if out_cells[m] == 1:
+            out_cells[kept] = cells[m]
+            kept += 1
+    return int(kept)
 
 
 @merged_kernel
 def three_nearest(
-    place: NDArray[np.float64], n: int, x: float, y: float, z: float
+    place: NDArray[np.float64], cells: NDArray[np.int64], n: int, x: float, y: float, z: float
 ) -> tuple[int, float, float, float]:
-    """Which cell holds a point of the lattice, its q there (see `Near`) and the next two."""
+    """Which of some cells holds a point of the lattice, its q (see `Near`) and the next two."""
     inside, least, second, third = 0, np.inf, np.inf, np.inf
-    for a in range(n):
+    for m in range(n):
+        a = cells[m]
         q = place[a, 3] - 2.0 * (place[a, 0] * x + place[a, 1] * y + place[a, 2] * z)
         if q < least:
             inside, least, second, third = a, q, least, second
@@ -319,20 +364,23 @@ def three_nearest(
 
 @merged_kernel
 def wall_fill(
-    place: NDArray[np.float64], pair: NDArray[np.float64], n: int, inside: int, least: float,
-    at: tuple[float, float, float], thick_mm: float, voxel_mm: float, border_mm: float,
+    place: NDArray[np.float64], pair: NDArray[np.float64], cells: NDArray[np.int64], n: int,
+    inside: int, least: float, at: tuple[float, float, float], thick_mm: float, voxel_mm: float,
+    border_mm: float,
 ) -> float:  # fmt: skip
     """Part of a voxel that walls of a mean thickness fill: the overlap of slab and voxel.
 
-    `inside` is the cell that holds the place `at`, and `least` its q. Where two walls meet they are
-    joined by fillets, as films of a foam are by Plateau borders: a place at distances a and b from
-    them is filled if sqrt a + sqrt b is less than the root of `border_mm` times the product of both
-    thicknesses against the mean, and neither is above `BORDER_PART` of that length.
+    The first n of `cells` count. `inside` is the one that holds the place `at`, and `least` its q.
+    Where two walls meet they are joined by fillets, as films of a foam are by Plateau borders: a
+    place at distances a and b from them is filled if sqrt a + sqrt b is less than the root of
+    `border_mm` times the product of both thicknesses against the mean, and neither is above
+    `BORDER_PART` of that length.
     """
     x, y, z = at
     fill, wide = 0.0, 0.5 * voxel_mm
     one, other, strong, weak = np.inf, np.inf, 0.0, 0.0
-    for b in range(n):
+    for m in range(n):
+        b = cells[m]
         strength = pair[inside, b, 1]
         if b != inside and strength > 0.0:
             half = 0.5 * thick_mm * strength

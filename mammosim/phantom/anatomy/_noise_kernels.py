@@ -10,6 +10,9 @@ from mammosim._jit import kernel, merged_kernel
 SCALE = 5.24 / 512.0
 """Makes the variance of the sum over gradients one."""
 
+MOST_NOISE = 16.0
+"""A bound of `gradient_noise`: three components of 511.5 at a distance of 1, times `SCALE`."""
+
 MAX_CORNERS = 48
 """Lattice points that are hashed ahead for places close together; beyond it each place has its
 own."""

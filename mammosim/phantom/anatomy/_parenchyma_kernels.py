@@ -35,6 +35,7 @@ from mammosim.phantom.anatomy._net_kernels import (
     gather,
     wall_distance,
     wall_reach,
+    walls_between,
 )
 from mammosim.phantom.anatomy._noise_kernels import add_noise, lattice_hash
 from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut
@@ -57,30 +58,33 @@ Chosen by eye."""
 @kernel
 def strands(texture: Texture, places: Places, count: int) -> None:
     """Strands towards the nipple and isotropic grain at places, within the noise's limit."""
-    at_mm, seen, noise = places.at_mm, places.seen, places.noise
+    at_mm, seen, noise, fan = places.at_mm, places.seen, places.noise, places.fan
+    gradients = places.gradients
+    apex_x, apex_y, apex_z = texture.apex_mm[0], texture.apex_mm[1], texture.apex_mm[2]
     for n in range(count):
         noise[n] = 0.0
+        # Strands run towards the nipple: noise in direction and, three times slower, distance.
+        dx, dy, dz = apex_x - at_mm[n, 0], at_mm[n, 1] - apex_y, at_mm[n, 2] - apex_z
+        r = np.sqrt(dx * dx + dy * dy + dz * dz) + 1.0
+        fan[n, 0], fan[n, 1], fan[n, 2] = np.log(r) / 3.0, dy / r, dz / r
     fans = texture.fan_amplitude.size
     for octave in range(fans + texture.grain_amplitude.size):
         if octave < fans:
-            # Strands run towards the nipple: noise in direction and, three times slower, distance.
             per, key = texture.fan_per_radian[octave], texture.key + octave
             amplitude = texture.fan_amplitude[octave]
             for n in range(count):
-                dx = texture.apex_mm[0] - at_mm[n, 0]
-                dy, dz = at_mm[n, 1] - texture.apex_mm[1], at_mm[n, 2] - texture.apex_mm[2]
-                r = np.sqrt(dx * dx + dy * dy + dz * dz) + 1.0
-                along = np.log(r) / 3.0
-                seen[n, 0], seen[n, 1], seen[n, 2] = along * per, dy / r * per, dz / r * per
+                for axis in range(3):
+                    seen[n, axis] = fan[n, axis] * per
         else:
             per, key = 1.0 / texture.grain_mm[octave - fans], texture.key + 64 + octave - fans
             amplitude = texture.grain_amplitude[octave - fans]
             for n in range(count):
                 for axis in range(3):
                     seen[n, axis] = at_mm[n, axis] * per
-        add_noise(seen, count, key, amplitude, places.gradients, noise)
+        add_noise(seen, count, key, amplitude, gradients, noise)
+    limit = texture.noise_limit
     for n in range(count):
-        noise[n] = min(max(noise[n], -texture.noise_limit), texture.noise_limit)
+        noise[n] = min(max(noise[n], -limit), limit)
 
 
 @kernel
@@ -117,44 +121,48 @@ def _stretch(slope: NDArray[np.float64]) -> float:
     return np.sqrt(most)
 
 
-@merged_kernel
-def potential_at(
-    texture: Texture, block: Block, n: int, at: NDArray[np.float64], noise: float
-) -> float:
-    """Full potential at a place (u, v, w) of a block whose walls have been gathered."""
-    u, v, w = at[0], at[1], at[2]
-    total = trilinear(block.corner, POTENTIAL, u, v, w) + noise
-    p = trilinear(block.corner, NET, u, v, w)
-    q = trilinear(block.corner, NET + 1, u, v, w)
-    r = trilinear(block.corner, NET + 2, u, v, w)
-    pushed = _pushed(texture.lobules, block.near, n, p, q, r, texture.lobule_mm)
-    return total - texture.lobule_amplitude * pushed
+@kernel
+def add_potential(texture: Texture, block: Block, n: int, count: int) -> None:
+    """Add to the noise at places of a block the rest of the potential there.
 
-
-@merged_kernel
-def _pushed(net: Net, near: Near, n: int, p: float, q: float, r: float, depth_mm: float) -> float:
-    """How strongly the fat lobule that holds a point of net coordinates pushes gland aside."""
-    if n < 1:
-        return 0.0
-    c, o = net.cell_mm, net.origin_mm
-    gap, inside = wall_distance(near, n, (p - o[0]) / c, (q - o[1]) / c, (r - o[2]) / c, depth_mm)
-    part = min(max(gap / depth_mm, 0.0), 1.0)
-    return near.fatness[inside] * part * (2.0 - part)
+    Its first n cells of lobules that are listed push gland aside. What is in the tuples is taken
+    out of them first: within the loop each access would count its references.
+    """
+    corner, near, net = block.corner, block.near, texture.lobules
+    place, pair, cells, fatness = near.place, near.pair, near.block, near.fatness
+    holding, c, depth_mm, amplitude = (
+        near.holding[0], net.cell_mm, texture.lobule_mm, texture.lobule_amplitude,
+    )  # fmt: skip
+    o0, o1, o2 = net.origin_mm[0], net.origin_mm[1], net.origin_mm[2]
+    part, total = block.places.part, block.places.noise
+    for m in range(count):
+        u, v, w = part[m, 0], part[m, 1], part[m, 2]
+        total[m] += trilinear(corner, POTENTIAL, u, v, w)
+        if n > 0:
+            p = trilinear(corner, NET, u, v, w)
+            q = trilinear(corner, NET + 1, u, v, w)
+            r = trilinear(corner, NET + 2, u, v, w)
+            gap, inside = wall_distance(
+                place, pair, cells, holding, n, (p - o0) / c, (q - o1) / c, (r - o2) / c, depth_mm
+            )
+            way = min(max(gap / depth_mm, 0.0), 1.0)
+            total[m] -= amplitude * (fatness[inside] * way * (2.0 - way))
 
 
 @kernel
 def gather_lobules(
-    texture: Texture, block: Block, coarse_mm: float, whole: bool, at: NDArray[np.float64]
+    texture: Texture, block: Block, coarse_mm: float, part: float, at: NDArray[np.float64]
 ) -> int:
-    """Cells that push gland aside within a block, or within the cell of its sub-grid about a place
-    (u, v, w)."""
+    """Cells that push gland aside within a block, or within a part of it, the cell of its sub-grid
+    about a place (u, v, w)."""
+    net, reach = texture.lobules, ROUNDING_REACH * texture.lobule_mm
     radius, stretch = _net_frame(block, NET, coarse_mm), _stretch(block.slope)
-    if not whole:
+    if part < 1.0:
         for axis in range(3):
             block.centre[axis] = trilinear(block.corner, NET + axis, at[0], at[1], at[2])
-        radius *= SUB_CELL
-    reach = ROUNDING_REACH * texture.lobule_mm * stretch
-    return gather(texture.lobules, block.centre, radius, reach, block.slope, block.near)
+        radius *= part
+    n = gather(net, block.centre, radius, reach * stretch, block.slope, block.near)
+    return _listed(block, net, n, reach) if part == 1.0 else n
 
 
 @parallel_kernel
@@ -179,7 +187,7 @@ def sample_potential(
                     continue
                 for axis, place in enumerate((i, j, k)):
                     origin[axis] = lattice.coarse_origin_mm[axis] + place * h
-                _sub_cell(texture, block, lattice_hash(i, j, k, 11), origin, h, at)
+                _sub_cell(texture, block, lattice_hash(i, j, k, np.intp(11)), origin, h, at)
                 for s in range(4):
                     bits = lattice_hash(i, j, k, 12 + s)
                     for axis in range(3):
@@ -210,16 +218,17 @@ def _sub_cell(
     for axis in range(3):
         block.low[axis] = ((bits >> (10 * axis)) & 1023) * SUB_STEPS // 1024
         at[axis] = (block.low[axis] + 0.5) / SUB_STEPS
-    n = gather_lobules(texture, block, h, False, at)
-    for corner in range(8):
+    n = gather_lobules(texture, block, h, SUB_CELL, at)
+    corners = np.intp(8)
+    for corner in range(corners):
         _corner_of_sub_cell(block, corner, at)
         for axis in range(3):
+            block.places.part[corner, axis] = at[axis]
             block.places.at_mm[corner, axis] = origin[axis] + at[axis] * h
-    strands(texture, block.places, 8)
-    for corner in range(8):
-        _corner_of_sub_cell(block, corner, at)
-        noise = block.places.noise[corner]
-        block.corner[SEPTUM, corner] = potential_at(texture, block, n, at, noise)
+    strands(texture, block.places, corners)
+    add_potential(texture, block, n, corners)
+    for corner in range(corners):
+        block.corner[SEPTUM, corner] = block.places.noise[corner]
 
 
 @merged_kernel
@@ -270,12 +279,12 @@ def decide_gland(
         return 0
     n = -1  # lobules are not gathered yet, and noise alone may decide
     if lowest - texture.noise_limit > paint.threshold + texture.gland_cap:
-        n = gather_lobules(texture, block, h, True, block.centre)
+        n = gather_lobules(texture, block, h, 1.0, block.centre)
         pull = texture.lobule_amplitude * _strongest(block.near, n)
         if lowest - texture.noise_limit - pull > paint.threshold + texture.gland_cap:
             return 2
-    count = _place_sub_grid(block, origin, h)
-    noise = block.places.noise
+    wanted, sub, noise = block.wanted, block.sub, block.places.noise
+    count = _place_sub_grid(wanted, block.places.at_mm, block.places.part, origin, h)
     strands(texture, block.places, count)
     most = noise[0]
     for place in range(1, count):
@@ -283,27 +292,31 @@ def decide_gland(
     if highest + most <= paint.threshold:
         return 0
     if n < 0:
-        n = gather_lobules(texture, block, h, True, block.centre)
-    at, some, all_of_it = np.empty(3), False, True
-    wanted, count = block.wanted, 0
+        n = gather_lobules(texture, block, h, 1.0, block.centre)
+    add_potential(texture, block, n, count)
+    some, all_of_it, threshold, cap = False, True, paint.threshold, texture.gland_cap
+    count = 0
     for a in range(SUB_STEPS + 1):
         for b in range(SUB_STEPS + 1):
             for c in range(SUB_STEPS + 1):
                 if not (wanted[0, a] and wanted[1, b] and wanted[2, c]):
                     continue
-                at[0], at[1], at[2] = a / SUB_STEPS, b / SUB_STEPS, c / SUB_STEPS
-                value = potential_at(texture, block, n, at, noise[count]) - paint.threshold
+                value = noise[count] - threshold
                 count += 1
-                block.sub[a, b, c] = value
+                sub[a, b, c] = value
                 some = some or value > -grain
-                all_of_it = all_of_it and value >= texture.gland_cap
+                all_of_it = all_of_it and value >= cap
     return (2 if all_of_it else 1) if some else 0
 
 
 @merged_kernel
-def _place_sub_grid(block: Block, origin: NDArray[np.float64], h: float) -> int:
-    """Places of a block's sub-grid that are wanted, in generator coordinates; how many."""
-    wanted, at_mm, step, count = block.wanted, block.places.at_mm, h / SUB_STEPS, 0
+def _place_sub_grid(
+    wanted: NDArray[np.bool_], at_mm: NDArray[np.float64], part: NDArray[np.float64],
+    origin: NDArray[np.float64], h: float,
+) -> int:  # fmt: skip
+    """Places of a block's sub-grid that are wanted, in generator coordinates and in parts of the
+    block's side; how many."""
+    step, count = h / SUB_STEPS, np.intp(0)
     for a in range(SUB_STEPS + 1):
         for b in range(SUB_STEPS + 1):
             for c in range(SUB_STEPS + 1):
@@ -311,16 +324,18 @@ def _place_sub_grid(block: Block, origin: NDArray[np.float64], h: float) -> int:
                     at_mm[count, 0] = origin[0] + a * step
                     at_mm[count, 1] = origin[1] + b * step
                     at_mm[count, 2] = origin[2] + c * step
+                    part[count, 0], part[count, 1] = a / SUB_STEPS, b / SUB_STEPS
+                    part[count, 2] = c / SUB_STEPS
                     count += 1
-    return count
+    return int(count)
 
 
 @kernel
 def _strongest(near: Near, n: int) -> float:
     """The largest fatness of the cells near a block."""
     most = 0.0
-    for a in range(n):
-        most = max(most, near.fatness[a])
+    for m in range(n):
+        most = max(most, near.fatness[near.block[m]])
     return most
 
 
@@ -328,7 +343,10 @@ def _strongest(near: Near, n: int) -> float:
 def gather_walls(
     texture: Texture, block: Block, h: float, voxel: float, only_muscle: bool, gland: int
 ) -> int:
-    """Cells of the net whose walls cross a block: of lobules, or of bundles in muscle."""
+    """Cells of the net whose walls cross a block: of lobules, or of bundles in muscle.
+
+    Returns how many `block.near.block` lists; fewer than two are none.
+    """
     if only_muscle:
         radius = _net_frame(block, FIBRE, h)
         reach = wall_reach(MUSCLE_FAT, voxel) * _stretch(block.slope)
@@ -337,5 +355,24 @@ def gather_walls(
     if gland == 2 or thick <= 0.0:
         return 0
     radius = _net_frame(block, NET, h)
-    reach = max(wall_reach(thick, voxel), border_reach(BORDER_MM, voxel)) * _stretch(block.slope)
-    return gather(texture.lobules, block.centre, radius, reach, block.slope, block.near)
+    reach = max(wall_reach(thick, voxel), border_reach(BORDER_MM, voxel))
+    n = gather(
+        texture.lobules, block.centre, radius, reach * _stretch(block.slope), block.slope,
+        block.near,
+    )  # fmt: skip
+    return _listed(block, texture.lobules, n, reach)
+
+
+@kernel
+def _listed(block: Block, net: Net, n: int, limit_mm: float) -> int:
+    """List those of the gathered cells whose walls come within a limit of a block; how many."""
+    near, corners = block.near, block.corners
+    for c in range(8):
+        for axis in range(3):
+            at_mm = block.corner[NET + axis, c]
+            corners[c, axis] = (at_mm - net.origin_mm[axis]) / net.cell_mm
+    for m in range(n):
+        near.row[m] = near.block[m]
+    return walls_between(
+        near.place, near.closest, near.row, n, corners, limit_mm, near.q, near.block
+    )

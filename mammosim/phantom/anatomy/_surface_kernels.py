@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mammosim._jit import kernel, merged_kernel
 from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, Paint
-from mammosim.phantom.anatomy._noise_kernels import gradient_noise
+from mammosim.phantom.anatomy._noise_kernels import MOST_NOISE, gradient_noise
 
 FLARE_MM, FLARE_HEIGHT_MM = 1.6, 0.9
 """How much wider a nipple is at its foot, where it merges into the areola, and the height over
@@ -15,6 +15,9 @@ which that is lost, mm. Chosen by eye."""
 
 FRAY = 0.35
 """How unevenly the nipple's root ends, in its radii. Chosen by eye."""
+
+LUMPS_KEY, FRAY_KEY = np.intp(17), np.intp(18)
+"""Of the noise of both."""
 
 
 @merged_kernel
@@ -76,7 +79,10 @@ def in_nipple(
     rise = min(max(above, 0.0), height)
     across = y - nipple[4] * rise
     up = z - nipple[5] * rise
-    lumps = nipple[7] * gradient_noise(x / 6.0, y / 6.0, z / 6.0 + nipple[8], 17)
+    widest = nipple[2] + MOST_NOISE * abs(nipple[7]) + FLARE_MM
+    if across * across + up * up > widest * widest:
+        return False
+    lumps = nipple[7] * gradient_noise(x / 6.0, y / 6.0, z / 6.0 + nipple[8], LUMPS_KEY)
     wide = nipple[2] * (1.0 - nipple[3] * rise / height) + lumps
     if depth > 0.0:
         return depth < thick and across * across + up * up < wide * wide
@@ -96,7 +102,7 @@ def in_root(x: float, y: float, z: float, below: float, nipple: NDArray[np.float
     if below >= root or squared > 4.0 * nipple[2] * nipple[2]:
         return False
     part = below / root
-    frayed = FRAY * gradient_noise(x / 5.0, y / 2.5, z / 2.5 + nipple[8], 18)
+    frayed = FRAY * gradient_noise(x / 5.0, y / 2.5, z / 2.5 + nipple[8], FRAY_KEY)
     wide = nipple[2] * (np.sqrt(1.0 - part) + part * frayed)
     return wide > 0.0 and squared < wide * wide
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from mammosim._jit import Thread, kernel, parallel_kernel, share
 from mammosim.phantom.anatomy._block_kernels import (
     ADIPOSE,
-    CHANNELS,
     FIBRE,
     GLAND,
     MUSCLE,
@@ -28,10 +27,11 @@ from mammosim.phantom.anatomy._block_kernels import (
     Lattice,
     Paint,
     Texture,
+    along_row,
+    layer_sides,
     load_corners,
     new_block,
     on_sub_row,
-    row_end,
     sub_index,
     sub_row_values,
 )
@@ -42,7 +42,13 @@ from mammosim.phantom.anatomy._grain_kernels import (
     grain_at,
     wall_unevenness,
 )
-from mammosim.phantom.anatomy._net_kernels import border_reach, three_nearest, wall_fill, wall_reach
+from mammosim.phantom.anatomy._net_kernels import (
+    border_reach,
+    three_nearest,
+    wall_fill,
+    wall_reach,
+    walls_between,
+)
 from mammosim.phantom.anatomy._noise_kernels import lattice_hash
 from mammosim.phantom.anatomy._parenchyma_kernels import (
     BORDER_MM,
@@ -168,9 +174,10 @@ def _fill_block(
     cover = paint.cover_mm
     x_mm, y_mm, z_mm = lattice.x_mm, lattice.lateral_mm, lattice.superior_mm
     voxel, key = x_mm[1] - x_mm[0], texture.key
-    low, step, corner, sub, sub_row = block.low, block.step, block.corner, block.sub, block.sub_row
+    corner, side, sub, sub_row = block.corner, block.side, block.sub, block.sub_row
     numbers, name = paint.nipple, paint.labels
-    place, pair, scale = block.near.place, block.near.pair, block.near.scale
+    near, ends, place, pair = block.near, block.ends, block.near.place, block.near.pair
+    scale, closest, around, cells, at_ends = near.scale, near.closest, near.block, near.row, near.q
     cut_y, cut_z, cut_mm = paint.cut[0], paint.cut[1], paint.cut[2]
     areola, areola_mm = paint.areola_mm[0], paint.areola_mm[1]
     net, net_at, border = texture.lobules, NET, BORDER_MM
@@ -181,31 +188,42 @@ def _fill_block(
     far, per_step = border_reach(border, voxel), 1.0 / (APPROACH * voxel)
     o0, o1, o2, per = net.origin_mm[0], net.origin_mm[1], net.origin_mm[2], 1.0 / net.cell_mm
     tile, tile_scale, cap = texture.grain_tile, texture.tile_scale, texture.gland_cap
-    streaks = texture.muscle_streaks
+    streaks, most_grain = texture.muscle_streaks, 128.0 * tile_scale
+    near_axis = 4.0 * numbers[2] * numbers[2]
     first_k, last_k = lattice.superior_start[at[2]], lattice.superior_start[at[2] + 1]
+    first_i, last_i = lattice.x_start[at[0]], lattice.x_start[at[0] + 1]
     first_j, last_j = lattice.lateral_start[at[1]], lattice.lateral_start[at[1] + 1]
-    for i in range(lattice.x_start[at[0]], lattice.x_start[at[0] + 1]):
-        x = x_mm[i]
-        u = (x - origin[0]) / h - at[0]
-        for j in range(first_j, last_j):
-            y = y_mm[j]
-            v = (y - origin[1]) / h - at[1]
-            for channel in range(CHANNELS):
-                low[channel] = row_end(corner, channel, u, v, 0)
-                step[channel] = row_end(corner, channel, u, v, 1) - low[channel]
+    first_w = (z_mm[first_k] - origin[2]) / h - at[2]
+    last_w = (z_mm[last_k - 1] - origin[2]) / h - at[2]
+    for j in range(first_j, last_j):
+        y = y_mm[j]
+        v = (y - origin[1]) / h - at[1]
+        layer_sides(corner, v, side)
+        for i in range(first_i, last_i):
+            x = x_mm[i]
+            u = (x - origin[0]) / h - at[0]
+            depth_0, depth_1 = along_row(side, SKIN_DEPTH, u)
+            muscle_0, muscle_1 = along_row(side, MUSCLE_DEPTH, u)
+            septum_0, septum_1 = along_row(side, SEPTUM, u)
+            skin_0, skin_1 = along_row(side, SKIN_MM, u)
+            p_0, p_1 = along_row(side, net_at, u)
+            q_0, q_1 = along_row(side, net_at + 1, u)
+            r_0, r_1 = along_row(side, net_at + 2, u)
             if gland == 1:
                 sub_row_values(sub, u, v, sub_row)
-            free_k = first_k
+            free_k, listed = first_k, -1
             for k in range(first_k, last_k):
                 z = z_mm[k]
                 if y * cut_y + z * cut_z > cut_mm:
                     labels[i, j, k] = 0
                     continue
                 w = (z - origin[2]) / h - at[2]
-                depth = low[SKIN_DEPTH] + w * step[SKIN_DEPTH]
-                if shallow:
+                depth = depth_0 + w * depth_1
+                skin = skin_0 + w * skin_1
+                # Twice a voxel below the areola there is at most the nipple's root.
+                if shallow and (depth < skin + areola + 2.0 * voxel or y * y + z * z <= near_axis):
                     ring = (y * y + z * z) / (areola_mm * areola_mm)
-                    thick = low[SKIN_MM] + w * step[SKIN_MM] + areola * np.exp(-ring * ring)
+                    thick = skin + areola * np.exp(-ring * ring)
                     smooth = depth
                     # Not at the chest wall, where no voxel behind would hold one that stands out.
                     if i > 0 and (abs(depth) < voxel or abs(depth - thick) < voxel):
@@ -223,29 +241,36 @@ def _fill_block(
                         if here == 0 or fill_of(here, name) > 0.0:
                             labels[i, j, k] = name[NIPPLE]
                         continue
-                in_muscle = (
-                    muscle and depth > cover and low[MUSCLE_DEPTH] + w * step[MUSCLE_DEPTH] > 0.0
-                )
+                in_muscle = muscle and depth > cover and muscle_0 + w * muscle_1 > 0.0
                 held = 0.0
                 if not in_muscle:
                     here = labels[i, j, k]
                     held = fill_of(here, name)
                     if here != 0 and here != name[ADIPOSE] and held == 0.0:
                         continue  # a tube
-                p = low[net_at] + w * step[net_at]
-                q = low[net_at + 1] + w * step[net_at + 1]
-                r = low[net_at + 2] + w * step[net_at + 2]
+                p, q, r = p_0 + w * p_1, q_0 + w * q_1, r_0 + w * r_1
                 if gland > 0 and not in_muscle:
                     above = min(on_sub_row(sub_row, w), cap) if gland == 1 else cap
-                    if above + gland_grain_at(tile, tile_scale, p, q, r) > 0.0:
+                    if (
+                        above > -most_grain
+                        and above + gland_grain_at(tile, tile_scale, p, q, r) > 0.0
+                    ):
                         labels[i, j, k] = name[GLAND]
                         continue
                 fill = held
                 if in_muscle == only_muscle and walls > 1:
-                    if k >= free_k:
+                    if listed < 0:
+                        for end, part in enumerate((first_w, last_w)):
+                            ends[end, 0] = (p_0 + part * p_1 - o0) * per
+                            ends[end, 1] = (q_0 + part * q_1 - o1) * per
+                            ends[end, 2] = (r_0 + part * r_1 - o2) * per
+                        listed = walls_between(
+                            place, closest, around, walls, ends, max(reach, far), at_ends, cells
+                        )
+                    if listed > 1 and k >= free_k:
                         x_cell, y_cell, z_cell = (p - o0) * per, (q - o1) * per, (r - o2) * per
                         inside, least, second, third = three_nearest(
-                            place, walls, x_cell, y_cell, z_cell
+                            place, cells, listed, x_cell, y_cell, z_cell
                         )
                         free = min(
                             (second - least) * scale[inside] - reach,
@@ -255,11 +280,11 @@ def _fill_block(
                         if free < 0.0:
                             thick = MUSCLE_FAT
                             if not in_muscle:
-                                thick = low[SEPTUM] + w * step[SEPTUM]
+                                thick = septum_0 + w * septum_1
                                 thick *= wall_unevenness(tile, tile_scale, p, q, r)
                             fill += wall_fill(
-                                place, pair, walls, inside, least, (x_cell, y_cell, z_cell),
-                                thick, voxel, border,
+                                place, pair, cells, listed, inside, least,
+                                (x_cell, y_cell, z_cell), thick, voxel, border,
                             )  # fmt: skip
                     if in_muscle and grain_at(tile, tile_scale, p, q, r) > streaks:
                         fill = 1.0

@@ -8,11 +8,13 @@ from numpy.typing import NDArray
 from mammosim._jit import Thread, kernel, merged_kernel, parallel_kernel, share
 from mammosim.phantom.anatomy._block_kernels import Lattice
 from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
-from mammosim.phantom.anatomy._net_kernels import thread_fill, thread_reach
 from mammosim.phantom.anatomy._noise_kernels import lattice_hash
 
 SLAB = 16
 """Layers of voxels in which strands are painted together."""
+
+CONE = 1.7320508
+"""Base of a cone of `thread_fill` that is 1 in the middle, against the thread's radius: sqrt 3."""
 
 
 @kernel
@@ -49,6 +51,23 @@ def paint_tubes(
             within = 0 <= i < labels.shape[0] and 0 <= j < labels.shape[1]
             if within and 0 <= k < labels.shape[2]:
                 labels[i, j, k] = label[n]
+
+
+@merged_kernel
+def thread_reach(radius_mm: float, voxel_mm: float) -> float:
+    """Distance from its axis up to which a round thread fills voxels."""
+    return max(voxel_mm, CONE * radius_mm)
+
+
+@merged_kernel
+def thread_fill(gap_mm: float, radius_mm: float, voxel_mm: float) -> float:
+    """Part of a voxel that a round thread fills whose axis passes at a distance.
+
+    A cone over the distance that holds the thread's cross-section whatever the voxel: its base is
+    a voxel wide, or as wide as leaves 1 in the middle.
+    """
+    wide = thread_reach(radius_mm, voxel_mm)
+    return 3.0 * (radius_mm / wide) ** 2 * max(1.0 - gap_mm / wide, 0.0)
 
 
 @parallel_kernel
