@@ -83,6 +83,25 @@ def test_clips_are_found_at_their_height(method, side, turn):
         assert np.hypot(*(found - clip)[:2]) <= 0.2
 
 
+@pytest.mark.service
+def test_the_chest_wall_is_no_line():
+    """A slab of 0.05 per mm that begins at the detector's edge."""
+    _needs_rtk()
+    gantries = arc_of(gantry_of("L"), 20.0, 7)
+    column, row = np.mgrid[: WHOLE.columns, : WHOLE.rows]
+    stack = np.zeros((len(gantries), WHOLE.columns, WHOLE.rows), np.float32)
+    for picture, gantry in zip(stack, gantries, strict=True):
+        pixel = gantry.detector_mm(row, column)
+        way = gantry.focal_spot_mm - pixel
+        picture[:] = 0.05 * THICKNESS_MM * np.linalg.norm(way, axis=-1) / way[..., 2]
+    grid = volume_grid(gantries[0], THICKNESS_MM, 1.0)
+    volume = reconstruct_by_rtk(
+        stack, gantries, WHOLE, grid, ReconstructionSettings(method="sart")
+    ).transpose(0, 2, 1)
+    middle = volume[10:40, 70:90].mean(axis=(0, 1))
+    np.testing.assert_allclose(middle[:20], 0.05, rtol=0.1)
+
+
 def _needs_rtk():
     try:
         load_rtk()

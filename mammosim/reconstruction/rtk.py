@@ -24,6 +24,11 @@ AIR_SLICES = 1
 """Slices of air below the first and above the last: RTK's ray caster ends at the centres of the
 outermost slices, which would count by half."""
 
+SIDE_COLUMNS = 1
+"""Columns and rows beside the volume: for the same reason rays to the outermost pixels, which lean
+towards the tube, would miss the outermost column, and the next would be too bright to make up for
+it: a line along the chest wall."""
+
 INSTALL = "pip install itk-rtk"
 """What to type where the library is missing."""
 
@@ -121,7 +126,7 @@ def _simultaneous_algebraic(
     far apart, as is usual.
     """
     itk, rtk = load_rtk()
-    source = _empty_volume(itk, rtk, grid, AIR_SLICES)
+    source = _empty_volume(itk, rtk, grid, AIR_SLICES, SIDE_COLUMNS)
     source.Update()
     volume = source.GetOutput()
     volume.DisconnectPipeline()
@@ -138,7 +143,10 @@ def _simultaneous_algebraic(
             array = itk.array_view_from_image(volume)
             array[:AIR_SLICES] = array[-AIR_SLICES:] = 0.0
         np.maximum(array, 0.0, out=array)
-    result: NDArray[np.float32] = itk.array_from_image(volume)[AIR_SLICES:-AIR_SLICES]
+    beside = slice(SIDE_COLUMNS, -SIDE_COLUMNS)
+    result: NDArray[np.float32] = itk.array_from_image(volume)[
+        AIR_SLICES:-AIR_SLICES, beside, beside
+    ]
     return result
 
 
@@ -281,10 +289,13 @@ def _projections(itk: Any, attenuation: NDArray[np.float32], gantry: Gantry) -> 
     return image
 
 
-def _empty_volume(itk: Any, rtk: Any, grid: VolumeGrid, more_slices: int = 0) -> Any:
-    """Zeros, with some slices more below and above the grid's."""
+def _empty_volume(
+    itk: Any, rtk: Any, grid: VolumeGrid, more_slices: int = 0, more_columns: int = 0
+) -> Any:
+    """Zeros, with some slices more below and above the grid's, and rows and columns beside it."""
     slices, rows, columns = grid.shape
     slices += 2 * more_slices
+    rows, columns = rows + 2 * more_columns, columns + 2 * more_columns
     kind = itk.Image[itk.F, 3]
     source = rtk.ConstantImageSource[kind].New()
     source.SetSize((rows, columns, slices))
