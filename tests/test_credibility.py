@@ -195,5 +195,17 @@ def test_an_interruption_of_a_correction_is_no_result():
     assert plates == solved[0]
 
 
+def test_what_is_left_of_the_height_is_known():
+    """The breast itself has another height of balance and slope than its coarse copy."""
+    forces = linear(1.0, 0.016)
+    height = BalancedHeight(linear(0.0, 0.05), -50.0, 50.0, slope=1.4)
+    plates, _ = balanced(
+        Plates(-25.0, 25.0, 0.0), height, lambda plates, start: (Solved(), forces(plates))
+    )
+    left = height.move_mm(plates, forces(plates))
+    assert abs(left) > 0.1
+    assert left == pytest.approx(1.0 - plates.centre_mm, rel=0.6)
+
+
 def test_plates_that_touch_nothing_are_balanced():
     assert PlateForces(0.0, 0.0).imbalance == 0.0

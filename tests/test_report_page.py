@@ -18,7 +18,7 @@ from PIL import Image
 
 from mammosim.geometry import View
 from mammosim.report import ReportedView, ReportSettings, render_report, run_record
-from mammosim.report.convergence import convergence_svg
+from mammosim.report.convergence import convergence_lines, convergence_svg
 from mammosim.report.crop import Crop, common_crops
 from mammosim.report.figures import picture_data_uri
 from mammosim.report.glance import glance
@@ -386,6 +386,15 @@ def test_a_column_of_words_makes_a_line_of_each():
     svg = convergence_svg(history)
     assert "error voxel x" in svg
     assert "error voxel z" in svg
+
+
+def test_an_error_that_is_not_known_yet_is_left_out_of_the_curve():
+    known = np.array([(0, 0.5), (1, 0.1)], dtype=[("iteration", "i4"), ("error_mm", "f8")])
+    history = np.concatenate([known[:1], known])
+    history["error_mm"][0] = np.inf
+    (line,) = convergence_lines(history)
+    assert line.rows.tolist() == [2, 3]
+    assert "inf" not in convergence_svg(history)
 
 
 @pytest.mark.parametrize(

@@ -48,6 +48,9 @@ WIDEST_STEP = 0.1
 WIDEST_COARSE_STEP = 0.3
 """The same of the coarse body, which is compressed anew where that leads nowhere."""
 
+FIRST_SLOPE = 1.4
+"""`BalancedHeight.slope` at first: 0.9 to 2 in 12 compressions of generated breasts."""
+
 BALANCE_LEVEL = 1
 """Of the nested bodies, the one on which the plates' height is sought: elements twice as large."""
 
@@ -137,7 +140,7 @@ def compress_hyperelastic(
     coarse = _CoarseBody(stages)
     balance = BalancedHeight(
         coarse.forces, *heights_beyond_edge_mm(mesh.elements, plates.edge_mm),
-        weightless=not settings.gravity,
+        weightless=not settings.gravity, slope=FIRST_SLOPE,
     )  # fmt: skip
 
     tilt = settings.paddle.tilt if settings.paddle else None
@@ -168,7 +171,9 @@ def compress_hyperelastic(
         stop = f"{view.folder}: the paddle reaches its stop at {tilt.max_deg:g} degrees"
         notes = (*notes, stop)
     notes = (*_cautions(settings), *notes)
-    return _result(breast, view, stages, reached.plates, reached.state, notes)
+    sought = settings.support_z_mm is None and not settings.gravity
+    height = balance if sought else None
+    return _result(breast, view, stages, reached.plates, reached.state, height, notes)
 
 
 class _CoarseBody:
@@ -249,10 +254,14 @@ def _result(
     stages: Stages,
     plates: Plates,
     state: State,
+    height: BalancedHeight | None,
     notes: tuple[str, ...],
 ) -> CompressedBreast:
     mesh = stages.mesh
     measures = body_measures(mesh, stages.contact(0, plates), state)
+    if height is not None:
+        forces = PlateForces(measures["force_n"], measures["support_force_n"])
+        measures["height_error_mm"] = abs(height.move_mm(plates, forces))
     if plates.panel is not None:
         measures["paddle_tilt_deg"] = plates.panel.tilt_deg
         measures["paddle_moment_nm"] = moment_nm(stages, plates, state)

@@ -91,6 +91,8 @@ class BalancedHeight:
         Lowest and highest face of the breast between the plates at rest.
     weightless : bool
         Whether the breast itself has no weight either, so that its own forces can be compared.
+    slope : float
+        Change of the relative difference when the plates rise by the gap, as far as it is known.
 
     Notes
     -----
@@ -105,7 +107,7 @@ class BalancedHeight:
     low_mm: float
     high_mm: float
     weightless: bool = True
-    _slope: float = field(default=FIRST_SLOPE, init=False)
+    slope: float = FIRST_SLOPE
     _offset_mm: float = field(default=0.0, init=False)
 
     def placed(self, plates: Plates) -> Plates:
@@ -135,14 +137,18 @@ class BalancedHeight:
             if before is not None and centre != before[0]:
                 slope = gap * (left - before[1]) / (centre - before[0])
                 if slope > 0.0:
-                    self._slope = slope
+                    self.slope = slope
             before = (centre, left)
-            centre -= left * gap / self._slope
+            centre -= left * gap / self.slope
         return plates.at_height(centre + self._offset_mm)
 
     def common_n(self, forces: PlateForces) -> float:
         """Force that the paddle will have at this gap once the plates press alike, N."""
         return 0.5 * (forces.paddle_n + forces.support_n) if self.weightless else forces.paddle_n
+
+    def move_mm(self, plates: Plates, forces: PlateForces) -> float:
+        """How far plates must rise to press alike, estimated by the slope that is known, mm."""
+        return -forces.imbalance * plates.thickness_mm / self.slope
 
     def is_found(self, forces: PlateForces) -> bool:
         """Whether the forces on the breast itself leave nothing to correct."""
@@ -152,13 +158,13 @@ class BalancedHeight:
         """Plates moved by what the forces on the breast itself, at that height, call for."""
         if not self.weightless:
             return plates
-        move = -forces.imbalance * plates.thickness_mm / self._slope
+        move = self.move_mm(plates, forces)
         self._offset_mm += move
         return plates.at_height(plates.centre_mm + move)
 
     def halve_steps(self) -> None:
         """Correct by half as much: a whole correction made it worse."""
-        self._slope *= 2.0
+        self.slope *= 2.0
 
     def learn(self, one: Tried[S], other: Tried[S]) -> bool:
         """Take the slope between two heights of the breast itself; False if it is none.
@@ -170,7 +176,7 @@ class BalancedHeight:
         slope = one.plates.thickness_mm * (other.forces.imbalance - one.forces.imbalance)
         if rise == 0.0 or slope / rise <= 0.0:
             return False
-        self._slope = slope / rise
+        self.slope = slope / rise
         return True
 
 

@@ -121,15 +121,16 @@ def draw_convergence(axes: Any, history: NDArray[np.void]) -> None:
 
 
 def convergence_lines(history: NDArray[np.void]) -> list[Line]:
-    """The quantities that tell of convergence, as far as they are positive.
+    """The quantities that tell of convergence, as far as they are positive and finite.
 
     A column of words, as the axis that an iteration worked on, makes a line of each word.
     """
     lines = []
     for column in _columns_to_draw(history):
-        positive = np.asarray(history[column] > 0)
+        # An error that is not known yet is infinite.
+        drawable = np.asarray(history[column] > 0) & np.isfinite(history[column])
         for word, of_word in _parts(history):
-            rows = np.flatnonzero(positive & of_word)
+            rows = np.flatnonzero(drawable & of_word)
             if rows.size:
                 label = " ".join((column.replace("_", " "), word)).strip()
                 lines.append(Line(label, rows + 1, history[column][rows]))

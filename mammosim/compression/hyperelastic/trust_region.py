@@ -12,6 +12,7 @@ from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import Contact
 from mammosim.compression.hyperelastic.newton import State, Step, Value, evaluate, step_of
 from mammosim.compression.multigrid import (
+    MIN_RITZ,
     BlockLevel,
     Multigrid,
     Truncated,
@@ -76,7 +77,7 @@ class _Search:
 
     `exact` says which tangent is used, `radius` is that of the trust region in the norm of the
     V-cycle, `before` mean and largest displacement of the last full step, `force` the force's norm
-    before it.
+    before it, `ritz` the smallest eigenvalue that steps of the exact tangent met.
     """
 
     workspace: Workspace
@@ -84,6 +85,7 @@ class _Search:
     radius: float = np.inf
     before: tuple[float, float] | None = None
     force: float = 0.0
+    ritz: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,15 +236,21 @@ def _error(model: Truncated, trial: _Trial, search: _Search) -> tuple[float, flo
     """Estimated distance from equilibrium after a step, mean and largest; infinite if unknown.
 
     What the linear problem left, and what is to follow if displacements go on to fall as fast as
-    from the step before to this one.
+    from the step before to this one. What is left is bounded by the smallest eigenvalue that any
+    step met so far: few iterations meet no slow mode that hardly moves, yet it may remain.
     """
-    if not search.exact or model.bounded or trial.length < 1.0 or trial.ratio < 0.5:
+    if not search.exact or model.bounded:
         return np.inf, np.inf
+    ritz = max(model.ritz, MIN_RITZ)
+    search.ritz = min(search.ritz, ritz)
+    if trial.length < 1.0 or trial.ratio < 0.5:
+        return np.inf, np.inf
+    left = model.left * ritz / search.ritz
     sizes = trial.mean, trial.largest
     errors = []
     for size, before in zip(sizes, search.before or (None, None), strict=True):
         rate = UNKNOWN_RATE if before is None else min(max(size / before, RATES[0]), RATES[1])
-        errors.append(size * (rate / (1.0 - rate) + model.left))
+        errors.append(size * (rate / (1.0 - rate) + left))
     return errors[0], errors[1]
 
 

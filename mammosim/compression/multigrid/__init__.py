@@ -11,10 +11,15 @@ from mammosim.compression.multigrid.cycle import Cycle, Level, Multigrid, v_cycl
 from mammosim.compression.multigrid.grids import coarse_shape, row_spans, whole_rows
 from mammosim.compression.multigrid.scalar_level import Operator, ScalarLevel, stencil_level
 from mammosim.compression.multigrid.transfers import add_interpolated, restrict
-from mammosim.compression.multigrid.truncated_gradients import Truncated, truncated_gradients
+from mammosim.compression.multigrid.truncated_gradients import (
+    MIN_RITZ,
+    Truncated,
+    truncated_gradients,
+)
 from mammosim.compression.multigrid.workspace import Field, Workspace
 
 __all__ = [
+    "MIN_RITZ",
     "BlockLevel",
     "Cycle",
     "ErrorBelow",
