@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import Thread, kernel, parallel_kernel, share
+from mammosim._jit import Thread, borrowing_kernel, kernel, parallel_kernel, share
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.uint8]
@@ -30,7 +30,7 @@ NOWHERE = (math.nan, math.nan, math.nan, math.nan)
 _GAUSS = (0.5 - 0.5 / math.sqrt(3.0), 0.5 + 0.5 / math.sqrt(3.0))
 
 
-@kernel
+@borrowing_kernel
 def value_on_plane(nodes: Nodes, u: float, v: float, k: int) -> Place:
     """Bilinear value of the nodes on plane k; NaN where a corner has none."""
     i = min(max(int(u), 0), nodes.shape[0] - 2)

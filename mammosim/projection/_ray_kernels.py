@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import Thread, kernel, parallel_kernel, share
+from mammosim._jit import Thread, borrowing_kernel, kernel, parallel_kernel, share
 from mammosim.projection._grid_kernels import (
     NOWHERE,
     Floats,
@@ -95,7 +95,7 @@ def trace(
                 sums[:] = 0.0
 
 
-@kernel
+@borrowing_kernel
 def _ray(
     slope_u: float, slope_v: float, beam: Beam, nodes: Nodes, voxels: Voxels, shares: Floats,
     sums: Floats,
@@ -141,7 +141,7 @@ def _within(
     return max(low, min(at_zero, at_last)), min(high, max(at_zero, at_last))
 
 
-@kernel
+@borrowing_kernel
 def _segment(
     start: Place, end: Place, t_in: float, t_out: float, length: float, voxels: Voxels,
     shares: Floats, sums: Floats,
@@ -168,7 +168,7 @@ def _segment(
     _gather(voxels, length, 0.5 * (start[3] + end[3]) * length, shares, sums)
 
 
-@kernel
+@borrowing_kernel
 def _through_slabs(
     at: int, t_in: float, t_out: float, across: Axis, one: Axis, other: Axis, labels: Labels,
     shares: Floats,
@@ -201,7 +201,7 @@ def _through_slabs(
         before = t
 
 
-@kernel
+@borrowing_kernel
 def _gather(voxels: Voxels, length: float, weighted: float, shares: Floats, sums: Floats) -> None:
     """Add the labels' shares of a segment to their channels, plain and weighted, and clear them.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mammosim._jit import inlined_kernel, kernel
+from mammosim._jit import borrowing_kernel, inlined_kernel
 from mammosim.acquisition.monte_carlo._flight_kernels import (
     DENSITY_STEPS,
     DEPOSITED,
@@ -35,7 +35,7 @@ class Sections(NamedTuple):
     coherent_cosine: F32
 
 
-@kernel
+@borrowing_kernel
 def collide(
     analog: bool,
     sections: Sections,

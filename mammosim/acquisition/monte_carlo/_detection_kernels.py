@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mammosim._jit import kernel
+from mammosim._jit import borrowing_kernel
 from mammosim.acquisition.monte_carlo._flight_kernels import DETECTED, F32, F64, Ray
 
 
@@ -41,7 +41,7 @@ class Screen(NamedTuple):
     turn: Turn
 
 
-@kernel
+@borrowing_kernel
 def score_at_screen(
     screen: Screen,
     kev: float,

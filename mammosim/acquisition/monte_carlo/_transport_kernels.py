@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mammosim._jit import Thread, inlined_kernel, kernel, parallel_kernel, share
+from mammosim._jit import Thread, borrowing_kernel, inlined_kernel, parallel_kernel, share
 from mammosim.acquisition.monte_carlo._collision_kernels import Sections, collide, turned
 from mammosim.acquisition.monte_carlo._detection_kernels import Screen, Turn, score_at_screen
 from mammosim.acquisition.monte_carlo._flight_kernels import (
@@ -120,7 +120,7 @@ def _place(
     return a - math.floor(a), b - math.floor(b), c - math.floor(c), d - math.floor(d)
 
 
-@kernel
+@borrowing_kernel
 def _emit(
     source: Source, space: Space, place: tuple[float, float, float, float]
 ) -> tuple[Ray, float, int]:
@@ -153,7 +153,7 @@ def _emit(
     return ray, weight, energy
 
 
-@kernel
+@borrowing_kernel
 def _follow(
     plan: Plan,
     photon: tuple[Ray, float, int, float],
