@@ -18,7 +18,7 @@ from naive.projection import (
 
 from mammosim.phantom import Lesion
 from mammosim.projection import compressed_labels, project
-from mammosim.projection._ray_kernels import Voxels, _segment
+from mammosim.projection._ray_kernels import Voxels, _other, _segment
 
 ADIPOSE, GLAND, LESION = 1, 29, 160
 
@@ -96,14 +96,45 @@ def test_any_number_of_threads_gives_the_same_bits():
     assert images[0].attenuating_mm.tobytes() == images[-1].attenuating_mm.tobytes()
 
 
+def voxels_of(labels):
+    """Labels 1 to 3 in channels 0 to 2."""
+    row = labels.reshape(-1)
+    words = row[: row.size // 8 * 8].view(np.uint64)
+    channel = np.append(3, np.arange(255))
+    return Voxels(row, words, *map(int, labels.shape), np.arange(1, 4), channel)
+
+
+def test_the_other_label_is_found_at_any_place_of_a_word():
+    """Columns of 19 voxels, of which the last three fill no word, in rows of one to nine."""
+    rng = np.random.default_rng(6)
+    labels = np.repeat(rng.integers(0, 3, 90), rng.integers(1, 10, 90)).astype(np.uint8)
+    columns = labels[: 19 * (labels.size // 19)]
+    voxels = voxels_of(columns.reshape(1, -1, 19))
+    assert columns.size % 8
+    for column in range(0, columns.size, 19):
+        line = columns[column : column + 19]
+        for start in range(19):
+            for end in range(19):
+                step = 1 if end >= start else -1
+                between = range(start, end + step, step)
+                for label in (1, 2):
+                    expected = next((z for z in between if line[z] != label), -1)
+                    assert _other(column, start, end, label, voxels) == expected
+
+
 def test_a_segment_is_shared_among_the_voxels_between_the_planes_that_it_crosses():
     """In all directions, along axes and along diagonals, where it crosses planes together."""
     rng = np.random.default_rng(6)
-    size = np.array([6, 5, 7])
+    size = np.array([6, 5, 19])
     labels = rng.integers(0, 4, size).astype(np.uint8)
-    wanted = np.arange(1, 4)
-    voxels = Voxels(labels.reshape(-1), *map(int, size), wanted, np.arange(256) - 1)
+    voxels = voxels_of(labels)
     ends = [rng.uniform(0.1, size - 0.1, (2, 3)) for _ in range(60)]
+    ends += [
+        np.array([[*place, 0.5], [*place + 0.3, 17.5]]) for place in rng.uniform(0.1, 4.5, (20, 2))
+    ]
+    ends += [
+        np.array([[*place, 17.5], [*place + 0.3, 0.5]]) for place in rng.uniform(0.1, 4.5, (9, 2))
+    ]
     ends += [np.array([[2.5, 2.5, 2.5], place]) for place in rng.uniform(0.1, size - 0.1, (20, 3))]
     for axis in range(3):
         ends += [np.array([place, place + np.eye(3)[axis]]) for place in rng.uniform(1, 3, (5, 3))]
@@ -117,10 +148,10 @@ def test_a_segment_is_shared_among_the_voxels_between_the_planes_that_it_crosses
         inside = start + 0.5 * (t[1:] + t[:-1])[:, None] * (end - start)
         at = tuple(np.minimum(np.floor(inside).astype(int), size - 1).T)
         expected = np.bincount(labels[at], np.diff(t), minlength=4)[1:]
-        shares, sums = np.zeros((3, 256)), np.zeros((3, 2))
+        shares, sums = np.zeros((3, 256)), np.zeros((4, 2))
         _segment((*start, 0.5), (*end, 1.5), 0.0, 1.0, 2.0, voxels, shares, sums)
-        np.testing.assert_allclose(sums, 2.0 * expected[:, None] * [1.0, 1.0], atol=1e-12)
-        assert not shares[:, wanted].any()
+        np.testing.assert_allclose(sums[:3], 2.0 * expected[:, None] * [1.0, 1.0], atol=1e-12)
+        assert not shares[:, 1:].any()
 
 
 def test_labels_in_another_memory_order_give_the_same():

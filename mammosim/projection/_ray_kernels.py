@@ -15,14 +15,24 @@ from mammosim.projection._grid_kernels import (
     Labels,
     Nodes,
     Place,
+    Words,
     value_on_plane,
 )
+
+LABELS_PER_WORD = 8
+"""Labels that are looked at together, as one 64-bit word of a little-endian machine."""
 
 LABELS = 256
 """How many labels there are."""
 
+STEEP = 4.0
+"""Segments that go through more voxels than this along z before they leave a column are followed
+column by column, others slab by slab. Along a column voxels lie side by side in memory."""
+
 _SKIN = 1e-6
 """Part of a voxel by which the array is taken smaller on each side, against rounding."""
+_NO_BIT, _ONE = np.uint64(0), np.uint64(1)
+_EACH_BYTE, _HIGHEST_OF_BYTES = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
 
 Axis = tuple[float, float, int]
 """Of an axis, along a segment: where it leaves its voxel, the way through one, and the step in
@@ -51,10 +61,13 @@ class Beam(NamedTuple):
 class Voxels(NamedTuple):
     """The phantom's labels, run together, and what they are added to.
 
-    `wanted` are the labels whose lengths are asked for, `channel_of_label` the channel of each.
+    `words` is the same memory, eight labels a word (the rest that fills no word left out). `wanted`
+    are the labels whose lengths are asked for, `channel_of_label` the channel of each; the others
+    go to a channel behind the last.
     """
 
     labels: Labels
+    words: Words
     size_x: int
     size_y: int
     size_z: int
@@ -80,7 +93,7 @@ def trace(
     """
     channels, rows, columns = out_length.shape
     for turn in share(thread, 0, band_order.size):
-        shares, sums = np.zeros((3, LABELS)), np.zeros((channels, 2))
+        shares, sums = np.zeros((3, LABELS)), np.zeros((channels + 1, 2))
         first = band_order[turn] * band_rows
         for column in range(columns):
             for row in range(first, min(first + band_rows, rows)):
@@ -159,13 +172,100 @@ def _segment(
     along_x = t_x, delta_x, step_x * voxels.size_y * voxels.size_z
     along_y = t_y, delta_y, step_y * voxels.size_z
     along_z = t_z, delta_z, step_z
+    weighted = 0.5 * (start[3] + end[3]) * length
+    if min(delta_x, delta_y) > STEEP * delta_z:
+        _along_columns(
+            first - z, (z, start[2], end[2] - start[2]), t_in, t_out, along_x, along_y,
+            (length, weighted), voxels, sums,
+        )  # fmt: skip
+        return
     if delta_z <= delta_x and delta_z <= delta_y:
         _through_slabs(first, t_in, t_out, along_z, along_x, along_y, voxels.labels, shares)
     elif delta_y <= delta_x:
         _through_slabs(first, t_in, t_out, along_y, along_x, along_z, voxels.labels, shares)
     else:
         _through_slabs(first, t_in, t_out, along_x, along_y, along_z, voxels.labels, shares)
-    _gather(voxels, length, 0.5 * (start[3] + end[3]) * length, shares, sums)
+    _gather(voxels, length, weighted, shares, sums)
+
+
+@borrowing_kernel
+def _along_columns(
+    column: int, along_z: tuple[int, float, float], t_in: float, t_out: float, along_x: Axis,
+    along_y: Axis, lengths: tuple[float, float], voxels: Voxels, sums: Floats,
+) -> None:  # fmt: skip
+    """Add a steep segment's lengths, one column of voxels along z after the other.
+
+    `column` is the place of the first column in the array, `along_z` the segment's first voxel in
+    it, its start and its change. The smaller of `t_x` and `t_y` is where the column is left, until
+    when the segment goes from voxel `z` to `z_next`. Voxels of one label in a row are added at
+    once. `lengths` are the whole segment's, plain and weighted.
+    """
+    z, start_z, change_z = along_z
+    t_x, delta_x, step_x = along_x
+    t_y, delta_y, step_y = along_y
+    label = voxels.labels[np.uint64(column + z)]
+    since = entered = t_in
+    while True:
+        side = min(t_x, t_y)
+        z_next = int(start_z + min(side, t_out) * change_z)
+        other = _other(column, z, z_next, label, voxels)
+        while other >= 0:
+            t = entered if other == z else (other + (z_next < z) - start_z) / change_z
+            _add(label, t - since, lengths, voxels, sums)
+            label = voxels.labels[np.uint64(column + other)]
+            since = t
+            other = _other(column, other, z_next, label, voxels)
+        if side >= t_out:
+            break
+        z, entered = z_next, side
+        if t_x < t_y:
+            t_x += delta_x
+            column += step_x
+        else:
+            t_y += delta_y
+            column += step_y
+    _add(label, t_out - since, lengths, voxels, sums)
+
+
+@borrowing_kernel
+def _other(column: int, z: int, z_next: int, label: int, voxels: Voxels) -> int:
+    """First voxel of a column, from z to `z_next`, that has another label; -1 if none has.
+
+    Upwards eight voxels are looked at a time: a label's bits against those of a word are 0 where
+    the two are alike, and the zero bytes below the first that is not are counted.
+    """
+    if z_next < z:
+        while z >= z_next and voxels.labels[np.uint64(column + z)] == label:
+            z -= 1
+        return z if z >= z_next else -1
+    first, last = column + z, column + z_next
+    word, last_word = np.uint64(first >> 3), np.uint64(last >> 3)
+    if last_word >= np.uint64(voxels.words.size):
+        while z <= z_next and voxels.labels[np.uint64(column + z)] == label:
+            z += 1
+        return z if z <= z_next else -1
+    wanted = np.uint64(label) * _EACH_BYTE
+    before = np.uint64((first & 7) << 3)  # bits of the word that lie before the first voxel
+    bits = (voxels.words[word] ^ wanted) >> before << before
+    while bits == _NO_BIT and word < last_word:
+        word += _ONE
+        bits = voxels.words[word] ^ wanted
+    if bits == _NO_BIT:
+        return -1
+    below = (bits - _ONE) & ~bits & _HIGHEST_OF_BYTES
+    alike = ((below >> np.uint64(7)) * _EACH_BYTE) >> np.uint64(56)  # the sum is the highest byte
+    found = int(word << np.uint64(3)) + int(alike)
+    return found - column if found <= last else -1
+
+
+@borrowing_kernel
+def _add(
+    label: int, part: float, lengths: tuple[float, float], voxels: Voxels, sums: Floats
+) -> None:
+    """Add a part of a segment, plain and weighted, to the channel of a label."""
+    channel = voxels.channel_of_label[label]
+    sums[channel, 0] += part * lengths[0]
+    sums[channel, 1] += part * lengths[1]
 
 
 @borrowing_kernel

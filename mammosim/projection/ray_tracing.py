@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.projection._ray_kernels import Beam, Voxels, trace
+from mammosim.projection._ray_kernels import LABELS_PER_WORD, Beam, Voxels, trace
 
 # Rows that one thread traces together: neighbouring rays share the voxels in its cache.
 _BAND_ROWS = 32
@@ -69,6 +69,10 @@ def _voxels(
 ) -> Voxels:
     """The labels as the kernel wants them; copied only where they do not lie as it needs them."""
     labels = np.ascontiguousarray(labels)
+    if labels.ctypes.data % LABELS_PER_WORD:
+        labels = labels.copy()
+    row = labels.reshape(-1)
+    words = row[: row.size // LABELS_PER_WORD * LABELS_PER_WORD].view(np.uint64)
     nx, ny, nz = (int(size) for size in labels.shape)
     wanted = np.flatnonzero(channel_of_label < channels)
-    return Voxels(labels.reshape(-1), nx, ny, nz, wanted, channel_of_label)
+    return Voxels(row, words, nx, ny, nz, wanted, channel_of_label)
