@@ -168,12 +168,19 @@ def _largest(grey: F64, pixel_mm: float) -> Mask | None:
         return None
     # an eighth of the usual grey, but no less than one that noise does not reach
     threshold = air + max(0.035, 0.12 * (float(np.median(lit)) - air))
-    opened = ndimage.binary_opening(smooth > threshold, iterations=max(1, int(1.0 / pixel_mm)))
+    bright = smooth > threshold
+    rows, columns = (np.flatnonzero(bright.any(axis=axis)) for axis in (1, 0))
+    if rows.size == 0:
+        return None
+    # The air around is left out; a rim of it is kept.
+    around = np.s_[max(0, rows[0] - 1) : rows[-1] + 2, max(0, columns[0] - 1) : columns[-1] + 2]
+    opened = ndimage.binary_opening(bright[around], iterations=max(1, int(1.0 / pixel_mm)))
     labels, count = ndimage.label(opened)
     if count == 0:
         return None
     largest = 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
-    filled: Mask = ndimage.binary_fill_holes(labels == largest)
+    filled = np.zeros(grey.shape, np.bool_)
+    filled[around] = ndimage.binary_fill_holes(labels == largest)
     return filled
 
 
