@@ -76,9 +76,14 @@ class ReportedView:
         """Points of the skin, and by how much compression moves them (`moved_skin`)."""
         return moved_skin(self.compressed)
 
-    def prepare(self, settings: ReportSettings) -> None:
-        """Compute now what the page needs of this view alone, which takes seconds."""
-        parts = ["convergence", "findings", "appearance", "sections"]
+    def measure(self) -> None:
+        """Compute now the numbers that the page has of this view alone, which takes seconds."""
+        for part in ("convergence", "findings", "appearance"):
+            getattr(self, part)
+
+    def draw(self, settings: ReportSettings) -> None:
+        """Make now the drawings that the page has of this view alone."""
+        parts = ["sections"]
         if settings.three_d:
             parts.append("skin")
             plotly_gzip_base64()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -173,10 +174,12 @@ class RunFolder:
                 folder, result.paths, result.mammogram, result.targets, export, self._identity
             )
 
-    def prepare_page(self, result: ViewResult) -> None:
-        """Compute what the page tells of one view, beside other stages."""
-        if self._config.report.html:
-            self._reported_view(result).prepare(self._config.report)
+    def page_parts(self, result: ViewResult) -> tuple[Callable[[], None], ...]:
+        """What makes the parts of the page that tell of one view alone, beside other stages."""
+        if not self._config.report.html:
+            return ()
+        view = self._reported_view(result)
+        return view.measure, partial(view.draw, self._config.report)
 
     def _reported_view(self, result: ViewResult) -> ReportedView:
         """A view for the page, with what was computed of it before."""

@@ -146,7 +146,8 @@ class RunObserver:
         self._views[folder] = result
         if self._output is not None:
             self._hand_over(f"{folder}.export", self._output.write_view, result)
-            self._hand_over(f"{folder}.report", self._output.prepare_page, result)
+            for part in self._output.page_parts(result):
+                self._hand_over(f"{folder}.report", part)
 
     def keep_draw(self, number: int, mammogram: Mammogram) -> None:
         """Write one of several draws of a view's noise; none is kept in memory."""
