@@ -77,8 +77,8 @@ def borrowing_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
     It makes no array of its own (views are allowed). Numba counts a reference to each array of a
     call, those in its NamedTuples included, with an atomic instruction, and again at its end; it
-    leaves that out by itself where a function has a single way out. In a kernel that is called for
-    each step of a ray this takes a fifth of the time, and threads wait for each other's counts.
+    leaves that out by itself in most functions with a single way out. In kernels that are called
+    for each piece of a ray, or each collision of a photon, it takes a tenth to a sixth of the time.
     """
     return _compile(function, _nrt=False)
 
