@@ -31,6 +31,7 @@ from mammosim.phantom.anatomy.axilla import along_mm, draw_axilla
 from mammosim.phantom.anatomy.body import draw_body
 from mammosim.phantom.anatomy.muscle import draw_muscle, fit_volume
 from mammosim.phantom.anatomy.outline import Outline, coarse_frame, mesh, near_depth, skin_depth
+from mammosim.phantom.anatomy.parenchyma import draw_parenchyma
 from mammosim.phantom.anatomy.shape import draw_shape, like
 from mammosim.phantom.size import expected_voxels
 from mammosim.tissues import TISSUES
@@ -293,6 +294,18 @@ def test_a_breast_is_recognised_when_read(tmp_path):
         assert read.laterality == breast.laterality
         assert all("guessed from the muscle wedge" in note for note in read.notes)
         np.testing.assert_allclose(read.nipple_mm, breast.nipple_mm)
+
+
+def test_dense_breasts_hold_more_fibres_than_fatty_ones():
+    """In the middle of the differences between women."""
+    rng = np.random.default_rng(4)
+    fibres = {
+        density: np.median([draw_parenchyma(density, rng).threads for _ in range(200)])
+        for density in DENSITY_PERCENT
+    }
+    assert fibres["fatty"] == pytest.approx(1.0, abs=0.1)
+    assert fibres["heterogeneous"] > 1.15 * fibres["scattered"]
+    assert fibres["dense"] > 1.4 * fibres["fatty"]
 
 
 def test_septa_are_reported_and_do_not_depend_on_the_voxel():
