@@ -77,8 +77,8 @@ FINE_AMPLITUDE, FINE_LIMIT = 0.40, 2.6
 """Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
 deviations. Chosen by eye."""
 
-GLAND_CAP = 0.45
-"""The potential above the threshold counts for no more: holes of fat, an eighth of the volume,
+GLAND_CAP = 0.58
+"""The potential above the threshold counts for no more: holes of fat, a fourteenth of the volume,
 stay within compact gland. Chosen by eye."""
 
 MUSCLE_STREAKS = 1.3
