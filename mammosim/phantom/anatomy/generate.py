@@ -73,12 +73,12 @@ mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 2003, Proc SPIE 
 NOISE_LIMIT = 0.9
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
-FINE_AMPLITUDE, FINE_LIMIT = 0.40, 2.6
+FINE_AMPLITUDE, FINE_LIMIT = 0.42, 2.6
 """Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
 deviations. Chosen by eye."""
 
-GLAND_CAP = 0.58
-"""The potential above the threshold counts for no more: holes of fat, a fourteenth of the volume,
+GLAND_CAP = 0.45
+"""The potential above the threshold counts for no more: holes of fat, a seventh of the volume,
 stay within compact gland. Chosen by eye."""
 
 MUSCLE_STREAKS = 1.3

@@ -26,10 +26,9 @@ FRONT_MM, SIDE_MM = 28.0, 14.0
 """Margins of that grid, mm: in front the highest nipple (12 mm) and three of the largest voxels
 (4 mm), at the sides three voxels, with one point to spare."""
 
-FILLET = 0.65
-"""Width of the hollow between breast and axillary fold over which one goes into the other, in radii
-of the breast: 40 mm in an average one. A hollow as wide in a small one would lift the skin at the
-nipple."""
+FILLET_MM, FILLET = 40.0, 0.735
+"""Width of the hollow between breast and axillary fold over which one goes into the other, mm, and
+the most of it in radii of the breast: in a small one it would lift the skin at the nipple."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +110,7 @@ def _joined(outline: Outline, points_mm: Points, step_mm: float) -> NDArray[np.f
     """Smooth union of breast and ridge: depth to first order near the skin, mm."""
     breast = _to_first_order(level(outline.shape, points_mm), step_mm)
     ridge = _to_first_order(ridge_level(outline.axilla, outline.shape, points_mm), step_mm)
-    fillet_mm = FILLET * outline.shape.radius_mm
+    fillet_mm = min(FILLET_MM, FILLET * outline.shape.radius_mm)
     overlap = np.clip(fillet_mm - np.abs(breast - ridge), 0.0, None)
     joined: NDArray[np.float64] = np.maximum(breast, ridge) + overlap**2 / (4.0 * fillet_mm)
     return joined
