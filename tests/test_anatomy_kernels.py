@@ -50,7 +50,7 @@ def test_gland_is_where_the_potential_exceeds_the_threshold():
     paint = body.paint_of(anatomy.body)._replace(threshold=-2.0)
     size = (lattice.x_mm.size, lattice.lateral_mm.size, lattice.superior_mm.size)
     labels = np.zeros(size, np.uint8)
-    half = lattice.x_start.size // 2
+    half = np.searchsorted(lattice.x_start, size[0] // 2, side="right") - 1  # of the voxels
     slab = np.arange(half, half + 1)  # enough of the breast, and quick as plain Python too
     _tissue_kernels.paint_tissue(slab, labels, lattice, texture, paint)
     first = lattice.x_start[slab[0]]
