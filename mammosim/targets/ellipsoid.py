@@ -69,7 +69,8 @@ def prediction_ellipsoid(samples_mm: ArrayLike, level: float = LEVEL) -> Ellipso
     """
     samples = np.asarray(samples_mm, dtype=float)
     n, p = samples.shape
-    covariance = np.cov(samples, rowvar=False)
+    # About the first: samples that are all the same have no spread, not even by rounding.
+    covariance = np.cov(samples - samples[0], rowvar=False)
     variances, axes = np.linalg.eigh(covariance)
     factor = p * (n**2 - 1.0) / (n * (n - p)) * fdtri(p, n - p, level)
     directions = axes.T[::-1]

@@ -186,9 +186,14 @@ class Stages:
 
         It is sought between plates with a blunt edge, which is then sharpened.
         """
+        self._forget()
         blunt = self._blunted(plates, level)
         state = start if blunt == plates else self._led(blunt, start, level, loose=True)
         return state if state.interrupted else self._led(plates, state, level)
+
+    def _forget(self) -> None:
+        """Forget what earlier solves left, so that a state follows from where it starts alone."""
+        self._workspace.eigenvalues.clear()
 
     def _led(self, plates: Plates, start: State, level: int, loose: bool = False) -> State:
         """State of one of the bodies between plates, from one near it.
@@ -251,6 +256,7 @@ class Stages:
 
         They do so with a blunt edge, which is then sharpened.
         """
+        self._forget()
         u = np.zeros((3, *self.bodies[level].nodes.shape))
         before, done, gone = u, 0.0, 0.0
         blunt = self._blunted(plates, level)
