@@ -51,11 +51,12 @@ const done = arguments[arguments.length - 1];
 const moving = () => document.getAnimations().filter(
   (one) => one.playState === "running" && one.effect.getComputedTiming().endTime !== Infinity);
 requestAnimationFrame(() => requestAnimationFrame(async () => {
-  while (moving().length) await Promise.allSettled(moving().map((one) => one.finished));
+  while (moving().length) await new Promise((later) => setTimeout(later, 20));
   done();
 }));
 """
-"""Waits for transitions to end: half-way between light and dark, contrast is that of neither."""
+"""Waits for transitions to end: half-way between light and dark, contrast is that of neither. It
+looks again and again: the promise of a transition that starts anew may never be kept."""
 
 
 def axe_findings(driver) -> list[str]:
