@@ -10,8 +10,8 @@ vector width and number of threads.
 and the addition that follows it, which is twice as fast in stencils and keeps NaN and infinity as
 they are. `inlined_kernel` and `merged_kernel` are for formulas and steps of such kernels,
 `chosen_by_type` for families of formulas; `borrowing_kernel` is for steps that are called very
-often with many arrays; `sized_kernel` stays on one thread where arrays are
-small; `alternating_kernel` is for turns of a loop that write to their neighbours' elements.
+often with many arrays; `sized_kernel` stays on one thread where arrays are small;
+`alternating_kernel` is for turns of a loop that write to their neighbours' elements.
 
 Numba's own parallel loops are not used: each is compiled as a function of its own, three times over
 and in the function around it, which made the first run on a machine twice as long.
@@ -191,9 +191,8 @@ def _threaded(
     def run(*arguments: Any, **named: Any) -> list[Any]:
         # Asking for the number of threads takes longer than a kernel does on a small array.
         alone = numba.config.DISABLE_JIT or numba.config.NUMBA_NUM_THREADS == 1
-        if alone or (smallest_bytes > 0 and _bytes_of(arguments, named) <= smallest_bytes):
-            return [compiled((0, 1, due, step), *arguments, **named) for due in range(step)]
-        threads = numba.get_num_threads()
+        small = smallest_bytes > 0 and _bytes_of(arguments, named) <= smallest_bytes
+        threads = 1 if alone or small else numba.get_num_threads()
         if threads == 1:
             return [compiled((0, 1, due, step), *arguments, **named) for due in range(step)]
         returned: list[Any] = []

@@ -88,11 +88,11 @@ def flattened(
     mean = _mean_inside(uneven, body, BACKGROUND_SIGMA_MM / cell_mm)
     wide = np.where(nipple, own, wall + mean)
     flat = iodine.copy()
-    for line, depth, mean, within in zip(
+    for line, depth, rest, within in zip(
         flat, *(_in_pixels(grid, cell, iodine.shape) for grid in (depth_mm, wide, inside)),
         strict=True,
     ):  # fmt: skip
-        line -= np.where(within > 0.0, np.interp(depth, places_mm, profile) + mean, 0.0)
+        line -= np.where(within > 0.0, np.interp(depth, places_mm, profile) + rest, 0.0)
     return flat
 
 

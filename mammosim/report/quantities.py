@@ -30,7 +30,7 @@ _NAMES = {
     "depth_mm": "Tissue inside the plates, RMS depth",
     "error_mm": "Estimated error, mean",
     "largest_error_mm": "Estimated error, largest",
-    "height_error_mm": "Plates from the height where they press alike, estimated",
+    "height_error_mm": "Plates' distance from the height where both press equally, estimated",
     "energy_mj": "Elastic energy",
     "skin_mm": "Skin thickness",
     "scatter_noise_percent": "Statistical error of scatter",

@@ -35,7 +35,7 @@ PACKAGES = (
 NOT_HASHED = ("run.json", "report.html")
 """Files of a run's folder that tell of the others, and hold times."""
 
-STATUS = Path("/proc/self/status")
+_LINUX_STATUS = Path("/proc/self/status")
 """Where Linux tells a program's memory, proc_pid_status(5)."""
 
 _BYTES_AT_ONCE = 1 << 20
@@ -162,7 +162,7 @@ def _versions() -> dict[str, str]:
 def _peak_memory_mb() -> float | None:
     """Largest resident size of this program so far, in 10^6 bytes; None where it is not told."""
     with suppress(OSError):  # Linux: getrusage(2) would count the parent's size before exec(2) too
-        told = re.search(r"^VmHWM:\s*(\d+) kB$", STATUS.read_text(), re.MULTILINE)
+        told = re.search(r"^VmHWM:\s*(\d+) kB$", _LINUX_STATUS.read_text(), re.MULTILINE)
         if told:
             return round(int(told[1]) * 1024 / 1e6, 1)
     if resource is None:
