@@ -430,6 +430,20 @@ def test_the_first_things_said_are_shift_thickness_dose_and_how_sure():
     assert found.sure[1].text.startswith("not computed; targets.uncertainty")
 
 
+@pytest.mark.parametrize(
+    ("off_mm", "said"), [(0.583, "about 0.6 mm"), (0.04, "less than 0.1 mm"), (None, "")]
+)
+def test_how_far_plates_are_from_balance_is_said_with_how_sure(off_mm, said):
+    measures = {} if off_mm is None else {"height_error_mm": off_mm}
+    view = with_error(LEFT[0], error_mm=0.004, largest_error_mm=0.123, **measures)
+    text = glance([view], [], LesionShiftResults()).sure[0].text
+    rest = text.removeprefix(
+        "within 0.12 mm of the model's equilibrium, less than 0.01 mm on average"
+    )
+    wanted = f"; plates {said} from the height where both press equally" if said else ""
+    assert rest == wanted
+
+
 def test_what_did_not_converge_or_was_not_exposed_is_said_first():
     view = ReportedView(make_compressed(LEFT[0], converged=False))
     found = glance([view], [], LesionShiftResults())

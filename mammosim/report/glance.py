@@ -82,6 +82,10 @@ def _equilibrium(view: ReportedView) -> Line:
         text = f"{bound}, {average} mm on average"
     else:
         text = "converged"
+    off = compressed.measures.get("height_error_mm", math.nan)
+    if math.isfinite(off):
+        distance = "less than 0.1" if off < 0.1 else f"about {off:.1f}"
+        text += f"; plates {distance} mm from the height where both press equally"
     return Line(compressed.view.folder, text)
 
 
