@@ -370,20 +370,20 @@ def test_the_settings_reduce_the_page(record):
 
 
 def test_the_convergence_curve_is_svg_in_the_pages_colour():
-    svg = convergence_svg(HISTORY)
+    svg = convergence_svg(HISTORY, "LCC")
     root = ElementTree.fromstring(svg)
     assert root.tag.endswith("svg")
     assert "currentColor" in svg
     assert "residual" in svg
     assert "mean move mm" in svg
     assert "settled" not in svg
-    assert svg == convergence_svg(HISTORY)
+    assert svg == convergence_svg(HISTORY, "LCC")
 
 
 def test_a_column_of_words_makes_a_line_of_each():
     rows = [(0, "x", 0.5), (1, "z", 0.1), (2, "x", 0.2)]
     history = np.array(rows, dtype=[("iteration", "i4"), ("axis", "U1"), ("error_voxel", "f8")])
-    svg = convergence_svg(history)
+    svg = convergence_svg(history, "LCC")
     assert "error voxel x" in svg
     assert "error voxel z" in svg
 
@@ -394,7 +394,7 @@ def test_an_error_that_is_not_known_yet_is_left_out_of_the_curve():
     history["error_mm"][0] = np.inf
     (line,) = convergence_lines(history)
     assert line.rows.tolist() == [2, 3]
-    assert "inf" not in convergence_svg(history)
+    assert "error mm" in convergence_svg(history, "LCC")
 
 
 @pytest.mark.parametrize(
@@ -406,7 +406,7 @@ def test_an_error_that_is_not_known_yet_is_left_out_of_the_curve():
     ],
 )
 def test_without_anything_to_draw_there_is_no_curve(history):
-    assert convergence_svg(history) == ""
+    assert convergence_svg(history, "LCC") == ""
 
 
 def with_error(view: View, **measures: float) -> ReportedView:

@@ -6,6 +6,7 @@ import base64
 import io
 import re
 from collections.abc import Callable
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from mammosim.report.crop import Crop
 
 _JPEG_QUALITY = 88  # no visible blocks in noise; a quarter of the size of a PNG
 _INK = "#010203"  # stands for the page's text colour, which the figure cannot know
+_STYLE = Lock()
+"""Matplotlib's style is one for all threads; pages are drawn on several."""
 
 
 def picture_data_uri(mammogram: Mammogram, crop: Crop, rows: int) -> str:
@@ -72,7 +75,7 @@ def drawing_svg(draw: Callable[[Any], None], name: str, inches: tuple[float, flo
     inches : (float, float)
         Width and height.
     """
-    import matplotlib as mpl  # a second of start-up
+    import matplotlib as mpl  # half a second of start-up
     from matplotlib.figure import Figure
 
     style = {
@@ -80,7 +83,7 @@ def drawing_svg(draw: Callable[[Any], None], name: str, inches: tuple[float, flo
         "text.color": _INK, "axes.edgecolor": _INK, "axes.labelcolor": _INK, "xtick.color": _INK,
         "ytick.color": _INK, "axes.spines.top": False, "axes.spines.right": False,
     }  # fmt: skip
-    with mpl.rc_context(style):
+    with _STYLE, mpl.rc_context(style):
         figure = Figure(figsize=inches, layout="constrained")
         draw(figure.subplots())
         stream = io.StringIO()

@@ -52,7 +52,7 @@ class ReportedView:
     @cached_property
     def convergence(self) -> str:
         """Drawing of the solver's history, SVG; empty if there is nothing to draw."""
-        return convergence_svg(self.compressed.history)
+        return convergence_svg(self.compressed.history, self.compressed.view.folder)
 
     @cached_property
     def findings(self) -> list[Finding]:
