@@ -34,6 +34,9 @@ COLOURS = {
     "iodine_5mg": (148, 0, 211, 255), "iodine_10mg": (75, 0, 130, 255),
     "ligament_half": (243, 231, 180, 255), "lymph_node": (123, 104, 238, 255),
     "benign_calcification": (230, 230, 250, 255),
+    "benign_calcification_eighth": (243, 223, 154, 255),
+    "benign_calcification_quarter": (241, 224, 168, 255),
+    "benign_calcification_half": (238, 226, 195, 255),
 }  # fmt: skip
 """Red, green, blue and opacity of each tissue; chosen."""
 

@@ -14,6 +14,14 @@ SPREAD = 1.2207440846057596
 """Root of g^4 = g + 1: the multiples of its inverse powers spread evenly in three dimensions, as
 those of the golden ratio do in one."""
 
+CALCIFIED = (
+    (0.125, "benign_calcification_eighth"),
+    (0.25, "benign_calcification_quarter"),
+    (0.5, "benign_calcification_half"),
+    (1.0, "benign_calcification"),
+)
+"""Part of a voxel that is calcified, and its tissue."""
+
 Vector = NDArray[np.float64]
 
 
@@ -77,9 +85,11 @@ def paint_findings(
     lattice: Lattice,
     findings: list[Ball | Fold],
 ) -> None:
-    """Paint findings; a partly filled voxel is filled or not, so that the mean is right.
+    """Paint findings, so that the mean of partly filled voxels is right.
 
-    Which are filled is spread evenly: plaques thinner than a voxel would otherwise form stripes.
+    Of calcifications within the breast, a voxel holds the fraction above or below its own that has
+    a label, and keeps what it holds of others if that is more. Any other voxel is filled or not.
+    Which of the two is spread evenly: bodies thinner than a voxel would otherwise form stripes.
     """
     axes = (lattice.x_mm, lattice.lateral_mm, lattice.superior_mm)
     voxel = float(axes[0][1] - axes[0][0])
@@ -93,6 +103,10 @@ def paint_findings(
         grid = np.stack(np.meshgrid(*(axis[p] for axis, p in zip(axes, box, strict=True)),
                                     indexing="ij"), axis=-1) - one.centre_mm  # fmt: skip
         part = labels[box]
+        lots = _even_lots(box)
+        if isinstance(one, Ball) and one.tissue == "benign_calcification" and not one.into:
+            _calcify(part, _ball_fill(one, grid, voxel), lots)
+            continue
         if isinstance(one, Ball):
             fill = _ball_fill(one, grid, voxel)
             allowed = _allowed(one.into, part)
@@ -101,7 +115,20 @@ def paint_findings(
             fill = _fold_fill(one, grid, voxel)
             allowed = part != 0
             label = TISSUES["skin"].label
-        part[allowed & (_even_lots(box) < fill)] = label
+        part[allowed & (lots < fill)] = label
+
+
+def _calcify(
+    part: NDArray[np.uint8], fill: NDArray[np.float64], lots: NDArray[np.float64]
+) -> None:
+    held = np.zeros(256)
+    for share, tissue in CALCIFIED:
+        held[TISSUES[tissue].label] = share
+    allowed, below = _allowed((), part), 0.0
+    for share, tissue in CALCIFIED:
+        reached = lots < (fill - below) / (share - below)
+        part[allowed & reached & (held[part] < share)] = TISSUES[tissue].label
+        below = share
 
 
 def _even_lots(box: tuple[slice, ...]) -> NDArray[np.float64]:
