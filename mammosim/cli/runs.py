@@ -124,6 +124,7 @@ def run(
             RunFolder,
             check_memory_limit,
             is_finished,
+            keep_freed_memory,
             load_config,
             make_plan,
             refuse_own_configuration,
@@ -143,6 +144,7 @@ def run(
         check_memory_limit(plan)
         print_warnings(plan.warnings)
         refuse_own_configuration(folder, config)
+        keep_freed_memory()
         with signals_interrupt() as interrupt_if_one_came, writing(folder):
             saved = RunFolder(folder, settings, title, reuse or ())
             shown = event_lines(plan) if events else progress(plan, verbose)

@@ -22,7 +22,9 @@ from mammosim.pipeline import (
     RunFolder,
     config_of,
     is_finished,
+    keep_freed_memory,
     make_plan,
+    return_freed_memory,
     simulate,
     writing,
 )
@@ -153,6 +155,7 @@ def note_failure(folder: Path, outcome: Outcome) -> None:
 def _make(patient: Patient, folder: Path) -> bool:
     """Make the patient; whether it was there before."""
     use_threads(patient.threads)
+    keep_freed_memory()
     where = f"{patient.where}, patient {patient.index}"
     config = config_of(patient.values, Path(patient.base), where)
     found = is_finished(folder, config)
@@ -165,6 +168,7 @@ def _make(patient: Patient, folder: Path) -> bool:
             )
         note_start(folder, patient.start, patient.starts)
         simulate(config, RunFolder(folder, config, title=folder.name))
+        return_freed_memory()  # between patients, a worker is as small as when it started
     if not patient.keep_stages:
         for stage in (folder / STAGES_FOLDER).glob("*"):
             _unlink(stage)

@@ -32,7 +32,14 @@ from mammosim.pipeline.folder import (
     writing,
 )
 from mammosim.pipeline.locate import LocatedInRun, SavedView, locate_in_run, read_views
-from mammosim.pipeline.run import Observe, simulate, simulate_series, simulate_view
+from mammosim.pipeline.run import (
+    Observe,
+    keep_freed_memory,
+    return_freed_memory,
+    simulate,
+    simulate_series,
+    simulate_view,
+)
 from mammosim.pipeline.run_progress import RunProgress, expected_end, stage_in_words
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 
@@ -61,12 +68,14 @@ __all__ = [
     "is_being_written",
     "is_cohort",
     "is_finished",
+    "keep_freed_memory",
     "load_config",
     "locate_in_run",
     "make_plan",
     "read_record",
     "read_views",
     "refuse_own_configuration",
+    "return_freed_memory",
     "save_study",
     "simulate",
     "simulate_series",
