@@ -118,9 +118,7 @@ def paint_findings(
         part[allowed & (lots < fill)] = label
 
 
-def _calcify(
-    part: NDArray[np.uint8], fill: NDArray[np.float64], lots: NDArray[np.float64]
-) -> None:
+def _calcify(part: NDArray[np.uint8], fill: NDArray[np.float64], lots: NDArray[np.float64]) -> None:
     held = np.zeros(256)
     for share, tissue in CALCIFIED:
         held[TISSUES[tissue].label] = share
