@@ -137,23 +137,46 @@ def carry_labels(
     """
     nk = nodes.shape[2]
     nx, ny, nz = labels.shape
+    below = np.empty(axis_k.size, np.int64)
+    part = np.empty(axis_k.size)
+    for c in range(axis_k.size):
+        below[c] = min(int(axis_k[c]), nk - 2)
+        part[c] = axis_k[c] - below[c]
     for a in share(thread, 0, axis_u.size):
         line = np.empty((nk, 3))
         for b in range(axis_v.size):
-            some = False
-            for k in range(nk):
-                here = value_on_plane(nodes, axis_u[a], axis_v[b], k)
-                line[k, 0], line[k, 1], line[k, 2] = here[0], here[1], here[2]
-                some |= not math.isnan(here[0])
+            low, high = _column_of_nodes(nodes, axis_u[a], axis_v[b], line)
             for c in range(axis_k.size):
+                k = np.uint64(below[c])
                 label = np.uint8(0)
-                if some:
-                    k = min(int(axis_k[c]), nk - 2)
-                    fk = axis_k[c] - k
-                    at, after = np.uint64(k), np.uint64(k + 1)
-                    x = (1.0 - fk) * line[at, 0] + fk * line[after, 0]
-                    y = (1.0 - fk) * line[at, 1] + fk * line[after, 1]
-                    z = (1.0 - fk) * line[at, 2] + fk * line[after, 2]
+                if low <= below[c] < high:
+                    after, fk = k + np.uint64(1), part[c]
+                    x = (1.0 - fk) * line[k, 0] + fk * line[after, 0]
+                    y = (1.0 - fk) * line[k, 1] + fk * line[after, 1]
+                    z = (1.0 - fk) * line[k, 2] + fk * line[after, 2]
                     if 0.0 <= x < nx and 0.0 <= y < ny and 0.0 <= z < nz:
                         label = labels[np.uint64(int(x)), np.uint64(int(y)), np.uint64(int(z))]
                 out_labels[a, b, c] = label
+
+
+@borrowing_kernel
+def _column_of_nodes(nodes: Nodes, u: float, v: float, out_line: Floats) -> tuple[int, int]:
+    """Bilinear voxel (x, y, z) at (u, v) on each plane of nodes; NaN where a corner has none.
+
+    Returns the first and the last plane of those that have one; the last first without any.
+    """
+    i = min(max(int(u), 0), nodes.shape[0] - 2)
+    j = min(max(int(v), 0), nodes.shape[1] - 2)
+    n00, n01, n10, n11 = nodes[i, j], nodes[i, j + 1], nodes[i + 1, j], nodes[i + 1, j + 1]
+    fu, fv = u - i, v - j
+    w00, w01 = (1.0 - fu) * (1.0 - fv), (1.0 - fu) * fv
+    w10, w11 = fu * (1.0 - fv), fu * fv
+    low, high = nodes.shape[2], 0
+    for k in range(nodes.shape[2]):
+        if math.isnan(n00[k, 0] + n01[k, 0] + n10[k, 0] + n11[k, 0]):
+            out_line[k, 0] = math.nan
+            continue
+        for d in range(3):
+            out_line[k, d] = w00 * n00[k, d] + w01 * n01[k, d] + w10 * n10[k, d] + w11 * n11[k, d]
+        low, high = min(low, k), k
+    return low, high
