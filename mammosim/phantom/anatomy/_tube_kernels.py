@@ -139,8 +139,8 @@ def _axis(
     start_mm: NDArray[np.float64], end_mm: NDArray[np.float64]
 ) -> tuple[tuple[float, float, float], float]:
     """From one end of a piece to the other, mm, and the square of its length, mm2."""
-    way = end_mm - start_mm
-    return (way[0], way[1], way[2]), max((way**2).sum(), 1e-9)
+    x, y, z = end_mm[0] - start_mm[0], end_mm[1] - start_mm[1], end_mm[2] - start_mm[2]
+    return (x, y, z), max(x * x + y * y + z * z, 1e-9)
 
 
 @kernel
@@ -148,14 +148,34 @@ def _box(
     lattice: Lattice, start_mm: NDArray[np.float64], end_mm: NDArray[np.float64], reach_mm: float
 ) -> tuple[int, int, int, int, int, int]:
     """First voxel, and first beyond, along each axis, of those within a reach of a piece."""
-    low = np.minimum(start_mm, end_mm) - reach_mm
-    high = np.maximum(start_mm, end_mm) + reach_mm
-    i0, i1 = np.searchsorted(lattice.x_mm, low[0]), np.searchsorted(lattice.x_mm, high[0])
-    j0 = np.searchsorted(lattice.lateral_mm, low[1])
-    j1 = np.searchsorted(lattice.lateral_mm, high[1])
-    k0 = np.searchsorted(lattice.superior_mm, low[2])
-    k1 = np.searchsorted(lattice.superior_mm, high[2])
+    i0, i1 = _span(lattice.x_mm, start_mm[0], end_mm[0], reach_mm)
+    j0, j1 = _span(lattice.lateral_mm, start_mm[1], end_mm[1], reach_mm)
+    k0, k1 = _span(lattice.superior_mm, start_mm[2], end_mm[2], reach_mm)
     return i0, i1, j0, j1, k0, k1
+
+
+@kernel
+def _span(places_mm: NDArray[np.float64], start_mm: float, end_mm: float, reach_mm: float
+) -> tuple[int, int]:  # fmt: skip
+    """First of evenly spaced places, and first beyond, within a reach of what lies between two."""
+    low = _first_from(places_mm, min(start_mm, end_mm) - reach_mm)
+    return low, _first_from(places_mm, max(start_mm, end_mm) + reach_mm)
+
+
+@kernel
+def _first_from(places_mm: NDArray[np.float64], least_mm: float) -> int:
+    """Index of the first of evenly spaced places that is not below a limit; their number if none.
+
+    As `np.searchsorted`: the spacing tells where to look.
+    """
+    count = places_mm.size
+    found = (least_mm - places_mm[0]) / (places_mm[1] - places_mm[0])
+    index = int(min(max(found, 0.0), float(count)))
+    while index > 0 and places_mm[index - 1] >= least_mm:
+        index -= 1
+    while index < count and places_mm[index] < least_mm:
+        index += 1
+    return index
 
 
 @merged_kernel
