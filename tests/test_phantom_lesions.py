@@ -74,6 +74,15 @@ def test_a_mass_fills_a_ball_without_leaving_it(breast, margin):
     assert made.tissue_of_label[mass.label] == "mass"
 
 
+def test_a_breast_that_is_not_used_any_more_lends_its_labels(breast):
+    entries = [lesion(position_mm=(15.0, 0, 0)), lesion("c", "calcification", diameter_mm=6.0)]
+    copied = insert_lesions(breast, entries, rng())
+    painted = insert_lesions(breast, entries, rng(), in_place=True)
+    assert painted.labels is breast.labels
+    np.testing.assert_array_equal(painted.labels, copied.labels)
+    assert [mass.volume_mm3 for mass in painted.lesions] == [m.volume_mm3 for m in copied.lesions]
+
+
 def test_nothing_else_changes_and_the_input_stays(breast):
     before = breast.labels.copy()
     made = insert_lesions(breast, [lesion(position_mm=(15.0, 0, 0))], rng())

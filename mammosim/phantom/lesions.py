@@ -49,17 +49,22 @@ class PlannedLesion:
 
 
 def insert_lesions(
-    breast: BreastPhantom, lesions: Sequence[LesionSettings], rng: np.random.Generator
+    breast: BreastPhantom,
+    lesions: Sequence[LesionSettings],
+    rng: np.random.Generator,
+    in_place: bool = False,
 ) -> BreastPhantom:
     """Put lesions into a breast.
 
     Parameters
     ----------
     breast : BreastPhantom
-        Left as it is; its labels are copied once.
+        Left as it is, its labels copied once, unless `in_place`.
     lesions : sequence of LesionSettings
     rng : Generator
         Draws places that are not given, outlines, and calcifications.
+    in_place : bool
+        Paint into the breast's own labels, for one that is not used any more.
 
     Returns
     -------
@@ -86,7 +91,8 @@ def insert_lesions(
         raise InputError(problems)
     taken = [_ball_around(breast, lesion) for lesion in breast.lesions]
     centres = _centres(breast, planned, taken, rng)
-    labels, made = breast.labels.copy(), list(breast.lesions)
+    labels = breast.labels if in_place else breast.labels.copy()
+    made = list(breast.lesions)
     own = rng.spawn(len(lesions))
     for entry, centre, label, lesion_rng in zip(planned, centres, free, own, strict=False):
         made.append(_painted(breast, labels, entry, centre, label, lesion_rng))

@@ -62,7 +62,8 @@ def make_phantom(
         )  # fmt: skip
     landmarks = _landmarks(breast, settings.landmarks)
     rng = np.random.default_rng([seed, _LESION_STREAM, *([breast_number] if breast_number else [])])
-    breast = insert_lesions(breast, settings.lesions, rng)
+    generated = settings.generate is not None  # nobody else has its labels
+    breast = insert_lesions(breast, settings.lesions, rng, in_place=generated)
     return dataclasses.replace(
         breast,
         landmarks=breast.landmarks + landmarks,
