@@ -369,3 +369,24 @@ def test_gland_that_touches_the_muscle_is_not_muscle(upside_down):
     found = muscle_of(2.0 + level, np.ones(level.shape, bool), 2.0, 0.45, 0.4)
     assert (found & muscle).sum() > 0.95 * muscle.sum()
     assert (found & gland & ~muscle).sum() < 0.15 * gland.sum()
+
+
+def test_a_front_that_runs_into_gland_goes_on_straight():
+    """As in a dense breast, whose gland is as bright as muscle and covers its lower end."""
+    row, column = np.indices((300, 150))
+    equalised = np.where((column < 50) & (row < 100), 3.0, 2.0)
+    equalised[100:250, :130] = 2.9
+    muscle = muscle_of(equalised, np.ones((300, 150), bool), 2.0, 0.45, 0.5)
+    assert muscle[:90, :45].all()
+    assert muscle[120, 30]
+    assert not muscle[100:, 65:].any()
+    assert not muscle[220:].any()
+
+
+def test_the_skin_line_rises_over_more_where_the_margin_is_wide():
+    rises = []
+    for rounding_mm in (12.0, 30.0):
+        attenuation, depth = with_skin(rounding_mm=rounding_mm)
+        pixels = present(attenuation, PIXEL_MM, 2.6).pixels
+        rises.append(at_depth(pixels, depth, 0.5, 0.9) / at_depth(pixels, depth, 1.9, 2.3))
+    assert rises[1] < 0.9 * rises[0]

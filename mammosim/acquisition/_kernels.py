@@ -19,12 +19,13 @@ FINAL_SHOULDER = 0.85
 # Air fades to black from this far below fat on the straight scale of grey, over this much of it.
 AIR_BELOW_FAT, AIR_FADE = 0.4, 0.1
 
-# Details keep at least this part of their contrast where the base lies on the toe or shoulder.
-MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.45, 0.4
+# Details keep at least this part of their straight contrast where the base lies on the toe or
+# shoulder.
+MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.36, 0.32
 
 # On the shoulder, away from strong steps, weak details keep this part of their contrast: on
 # clinical images fibres of muscle, and strands before it, are seen as well as those in fat.
-EVEN_SHOULDER_SLOPE = 1.0
+EVEN_SHOULDER_SLOPE = 0.75
 
 # Slope of the toe below which details are not raised any further.
 FLATTEST_TOE = 0.05
@@ -326,7 +327,7 @@ def present_kernel(
             kept = max(MIN_TOE_SLOPE / on_toe, 1.0)
             raised = straight + slope * (level - smooth - wide - fine + kept * enhanced)
             shown += on_shoulder * (_on_toe(raised, curve.toe) - _on_toe(straight, curve.toe))
-            lost = (EVEN_SHOULDER_SLOPE - on_shoulder) * away
+            lost = max(EVEN_SHOULDER_SLOPE - on_shoulder, 0.0) * away
             shown += lost * slope * enhanced
             shown = _bent(max(shown, 0.0), 0.0, FINAL_SHOULDER, 1.0)
             below = raised - curve.fat_grey + AIR_BELOW_FAT

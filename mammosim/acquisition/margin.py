@@ -48,10 +48,12 @@ Nearer the edge, skin seen along its surface attenuates more than what lies belo
 EDGE_MM = 0.5
 """Depth of the true edge: smoothing puts the mask's about a cell farther out."""
 
-EDGE_RISE_MM = 0.9
-"""Over this depth grey rises from black. A scanner's equalization follows the smoothed image and
-misses the outermost millimetre, so that the skin line rises over about that, as it does on clinical
-images (0.55 to 1.65 mm)."""
+EDGE_RISE_MM, EDGE_RISE_PART = 0.45, 0.05
+"""Depth over which grey rises from black: this, and this part of the depth over which the margin
+rounds off. A scanner's equalization follows the smoothed image and misses the outermost part of a
+millimetre; and it amplifies only so far, so that the image fades into air where the breast is less
+than about a third of full thickness, which takes longer where the margin is wide. On clinical
+images the skin line rises over 0.55 to 1.65 mm."""
 
 PROFILE_SIGMA_MM = 0.7
 """The profile of fat is smoothed by this before it is compensated, as scanners' estimates of the
@@ -94,10 +96,10 @@ PLATEAU_QUANTILE = 0.05
 MAX_GLAND = 1.0
 """The darkest of what is that deep holds no more gland than this (ln): 4 cm."""
 
-EDGE_GAIN, EDGE_GAIN_MM = 2.0, (0.8, 1.8)
+EDGE_GAIN, EDGE_GAIN_REACH = 2.0, (1.0, 1.4)
 """What is missing from skin and nipple up to the level of gland, as part of gland's contrast, is
-taken to the power of 1 and this much more for each unit (ln) of that contrast; and the depths up to
-which this is done in full and beyond which not at all. On clinical
+taken to the power of 1 and this much more for each unit (ln) of that contrast; and the places on
+the skin line's ramp up to which this is done in full and beyond which not at all. On clinical
 images skin is about as bright as gland, in dense breasts too: their filters bring out what stands
 against the black of air. Set by eye."""
 
@@ -148,20 +150,23 @@ def missing_attenuation(
     between folds, and is brought up to it.
     """
     plateau = _plateau(coarse, margin, fat)
-    rings = _ring_profiles(coarse, margin)
-    expected = _at_depth(np.minimum(rings, plateau), margin.depth_mm - EDGE_MM, plateau)
+    rings = np.minimum(_ring_profiles(coarse, margin), plateau)
+    rounding = _rounding_mm(rings[0] / plateau)
+    depth_mm = margin.depth_mm - EDGE_MM
+    expected = _at_depth(rings, depth_mm, rounding, plateau)
     sigma = PROFILE_SIGMA_MM / margin.cell_mm
     expected = ndimage.gaussian_filter(np.maximum(expected, 0.0), sigma, mode="nearest")
-    rise = (margin.depth_mm - EDGE_MM) / EDGE_RISE_MM
+    ramp_mm = EDGE_RISE_MM + EDGE_RISE_PART * rounding
+    rise = depth_mm / ramp_mm
     if not margin.body[margin.breast].all():
-        expected, rise = _with_nipple(expected, rise, coarse, margin)
+        expected, rise = _with_nipple(expected, rise, ramp_mm, coarse, margin)
     missing = np.maximum(plateau - expected, 0.0)
     missing += _thin_places(coarse + missing, margin, plateau)
     missing[distance_to(margin.breast) * margin.cell_mm > BEYOND_MM] = 0.0
     return missing, rise, plateau
 
 
-def raised_edge(equalized: F64, margin: Margin, fat: float, contrast: float) -> F64:
+def raised_edge(equalized: F64, margin: Margin, rise: F64, fat: float, contrast: float) -> F64:
     """What is added to the margin, and to skin and nipple, which are seen before the black of air.
 
     Parameters
@@ -169,6 +174,8 @@ def raised_edge(equalized: F64, margin: Margin, fat: float, contrast: float) -> 
     equalized : ndarray of float64, [row, column]
         Attenuation (ln) with what the margin lacks.
     margin : Margin
+    rise : ndarray of float64, [row, column]
+        Place on the ramp of the skin line.
     fat, contrast : float
         Attenuation (ln) of fat, and of gland above it.
 
@@ -178,11 +185,11 @@ def raised_edge(equalized: F64, margin: Margin, fat: float, contrast: float) -> 
         Part of what is missing up to the level of gland, so that more attenuation stays brighter;
         nothing for what reaches it.
     """
-    near, far = EDGE_GAIN_MM
+    near, far = EDGE_GAIN_REACH
     depth_mm = _outline_depth_mm(margin)
     missing = 1.0 - np.clip((equalized - fat) / contrast, 0.0, 1.0)
     left = missing * (1.0 - LIFT / (1.0 + np.square(np.maximum(depth_mm, 0.0) / LIFT_MM)))
-    left **= 1.0 + EDGE_GAIN * contrast * smooth_step((far - depth_mm) / (far - near))
+    left **= 1.0 + EDGE_GAIN * contrast * smooth_step((far - rise) / (far - near))
     return contrast * (missing - left)
 
 
@@ -270,7 +277,22 @@ def _on_fine_grid(wide_values: F64, shape: tuple[int, ...], wide: int) -> F64:
     return fine
 
 
-def _at_depth(rings: F64, depth_mm: F64, plateau: float) -> F64:
+def _rounding_mm(first: F64) -> F64:
+    """Depth over which the margin rounds off, mm.
+
+    `first` is what the outermost ring attenuates, as part of fat at full thickness: an ellipse of
+    fat and what skin adds to it.
+    """
+    depth_mm = RING_DEPTHS_MM[0] - EDGE_MM
+    rounding = np.full(first.shape, MAX_ROUNDING_MM)
+    for _ in range(ROUNDING_STEPS):
+        fat = np.clip(first - _skin_part(depth_mm, rounding), 0.0, 1.0)
+        rounding = depth_mm / np.maximum(1.0 - np.sqrt(1.0 - fat**2), 1e-6)
+        rounding = np.clip(rounding, MIN_ROUNDING_MM, MAX_ROUNDING_MM)
+    return rounding
+
+
+def _at_depth(rings: F64, depth_mm: F64, rounding: F64, plateau: float) -> F64:
     """Attenuation of fat at each place's depth; an ellipse outside the first ring."""
     depths = np.array(RING_DEPTHS_MM) - EDGE_MM
     place = np.interp(depth_mm, depths, np.arange(depths.size))
@@ -278,13 +300,6 @@ def _at_depth(rings: F64, depth_mm: F64, plateau: float) -> F64:
     part = place - below
     low, high = (np.take_along_axis(rings, (below + step)[None], 0)[0] for step in (0, 1))
     inner = (1.0 - part) * low + part * high
-    # the first ring is an ellipse of fat and what skin adds to it
-    first = np.clip(rings[0] / plateau, 0.0, 1.0)
-    rounding = np.full(first.shape, MAX_ROUNDING_MM)
-    for _ in range(ROUNDING_STEPS):
-        fat = np.clip(first - _skin_part(depths[0], rounding), 0.0, 1.0)
-        rounding = depths[0] / np.maximum(1.0 - np.sqrt(1.0 - fat**2), 1e-6)
-        rounding = np.clip(rounding, MIN_ROUNDING_MM, MAX_ROUNDING_MM)
     fat = rings[0] - plateau * _skin_part(depths[0], rounding)
     outer = fat * _ellipse(depth_mm / rounding) / _ellipse(depths[0] / rounding)
     near, far = SKIN_KEPT_MM
@@ -310,7 +325,9 @@ def _ellipse(part: F64) -> F64:
     return height
 
 
-def _with_nipple(expected: F64, rise: F64, coarse: F64, margin: Margin) -> tuple[F64, F64]:
+def _with_nipple(
+    expected: F64, rise: F64, ramp_mm: F64, coarse: F64, margin: Margin
+) -> tuple[F64, F64]:
     """The same with a nipple in profile, which is soft tissue and no fat.
 
     A ray meets the breast, the nipple, or both one behind the other in the same plane: what it
@@ -323,7 +340,7 @@ def _with_nipple(expected: F64, rise: F64, coarse: F64, margin: Margin) -> tuple
     own *= smooth_step((far - distance_to(nipple) * cell_mm) / (far - near))
     outline_mm = _outline_depth_mm(margin)
     close = smooth_step(2.0 - distance_to(nipple) * cell_mm / NIPPLE_SIGMA_MM)
-    own_rise = (outline_mm - EDGE_MM) / EDGE_RISE_MM
+    own_rise = (outline_mm - EDGE_MM) / ramp_mm
     return np.maximum(expected, own), rise + close * np.maximum(own_rise - rise, 0.0)
 
 

@@ -39,11 +39,12 @@ FAT_GREY, GLAND_GREY = 0.10, 0.64
 """Grey of fat and of gland. On clinical images the 5th percentile of grey in the breast is 0.08 to
 0.22 (twelve CC; mean 0.12) and 0.09 to 0.12 (five MLO), the 99th 0.55 to 0.75."""
 
-TOE, SHOULDER, WHITE = 0.42, 0.58, 0.86
-"""Grey below and above which the base bends, and that the shoulder nears. The long toe, as film
-has it, shows half of gland's attenuation at a third of the range, for clinical medians are 0.20 to
-0.36. Muscle, with two to four times the contrast of gland, lies on the shoulder; on clinical MLO
-images it is at 0.34 to 0.81."""
+TOE, SHOULDER, WHITE = 0.55, 0.58, 0.86
+"""Grey below and above which the base bends, and that the shoulder nears. The toe reaches nearly up
+to gland, so that bright lines stand out more than dark ones within gland too, and shows half of
+gland's attenuation at a quarter of the range, for clinical medians are 0.20 to 0.36. Muscle, with
+two to four times the contrast of gland, lies on the shoulder; on clinical MLO images it is at 0.34
+to 0.81."""
 
 DETAIL_CONTRAST = 0.55
 """Weak details are shown as if the contrast (ln) of gland above fat were no larger: those of dense
@@ -132,7 +133,7 @@ def present(
         missing, rise, plateau = missing_attenuation(coarse, margin, fat)
         equalized = coarse + missing
         low, contrast = _levels(equalized, margin, plateau, _resampled(region, coarse.shape))
-        raised = raised_edge(equalized, margin, low, contrast)
+        raised = raised_edge(equalized, margin, rise, low, contrast)
         missing, equalized = missing + raised, equalized + raised
         level = np.maximum(equalized, low - FLOOR_CONTRAST * contrast)
         base, even = _base(level, BASE_RADIUS_MM / margin.cell_mm)
