@@ -154,7 +154,7 @@ def test_multigrid_solves_the_tangent_of_a_near_incompressible_block():
     body.held[:, 1] = True
     u, rng = np.zeros((3, *body.shear.shape)), np.random.default_rng(4)
     stencil = tangent(body, u)
-    hold(stencil, body.node_span, body.free)
+    hold(stencil, body.node_span, body.free, body.held_rows)
     level = BlockLevel.of(stencil, body.node_span, Workspace())
     load = (rng.standard_normal(u.shape) * body.free).astype(np.float32)
     solution, _, positive, cycles = conjugate_gradients(

@@ -91,6 +91,11 @@ class Body:
         return (self.nodes & ~self.held).astype(np.float32)
 
     @cached_property
+    def held_rows(self) -> NDArray[np.bool_]:
+        """Whether a row of nodes along z has displacements that are held, [x, y]."""
+        return np.asarray((self.nodes & self.held).any(axis=(0, 3)))
+
+    @cached_property
     def element_span(self) -> NDArray[np.int32]:
         """First and one past the last element of each row along z, [x, y, 2]."""
         return row_spans(self.active)

@@ -30,6 +30,10 @@ MIN_NODES = 300
 LOOSE = 0.02
 """Mean error, element edges, at which the state of a coarse body is good enough to refine."""
 
+LEADING = 0.05, 1.0
+"""Mean and largest error, element edges, at which the state between blunt edges may lead to that
+between sharp ones, which moves single nodes by more than an edge."""
+
 CLOSING_TOLERANCE = 0.05
 """Mean error, element edges, that is good enough while the plates still close."""
 
@@ -177,23 +181,26 @@ class Stages:
         state = start or self._close(last, plates)
         for level in range(first, finest - 1, -1):
             u = interpolated(state.u, self.bodies[level + 1], self.bodies[level])
-            moved = replace(state, u=u, grip=self._refined(state.grip, level))
+            moved = replace(state, u=u, grip=self._refined(state.grip, level), blunt=None)
             state = moved if state.interrupted else self.settle(plates, moved, level)
         return state
 
     def settle(self, plates: Plates, start: State, level: int = 0) -> State:
         """State of one of the bodies between plates, from one near it, on which it hardly depends.
 
-        It is sought between plates with a blunt edge, which is then sharpened.
+        It is sought between plates with a blunt edge, which is then sharpened; from the state that
+        was found there between other plates, if there is one.
         """
-        self._forget()
+        self._workspace.eigenvalues.clear()  # so that a state follows from its start alone
         blunt = self._blunted(plates, level)
-        state = start if blunt == plates else self._led(blunt, start, level, loose=True)
-        return state if state.interrupted else self._led(plates, state, level)
-
-    def _forget(self) -> None:
-        """Forget what earlier solves left, so that a state follows from where it starts alone."""
-        self._workspace.eigenvalues.clear()
+        if blunt == plates:
+            return self._led(plates, start, level)
+        u = start.u if start.blunt is None else start.blunt
+        leading = self._led(blunt, replace(start, u=u), level, loose=True)
+        if leading.interrupted:
+            return leading
+        kept = None if self.friction else leading.u  # friction depends on the path
+        return replace(self._led(plates, leading, level), blunt=kept)
 
     def _led(self, plates: Plates, start: State, level: int, loose: bool = False) -> State:
         """State of one of the bodies between plates, from one near it.
@@ -223,7 +230,9 @@ class Stages:
         Where folded elements do not unfold against the barrier of the mesh, they first do without.
         """
         body = self.bodies[level]
-        if loose or level > 0:
+        if loose:
+            return self._equilibrium(body, level, plates, u, LEADING[0], before, LEADING[1])
+        if level > 0:
             return self._equilibrium(body, level, plates, u, LOOSE, before)
         steep = replace(body, least_volume=STEEP)
         state = self._equilibrium(steep, level, plates, u, self.tolerance, before)
@@ -256,7 +265,7 @@ class Stages:
 
         They do so with a blunt edge, which is then sharpened.
         """
-        self._forget()
+        self._workspace.eigenvalues.clear()  # so that a state follows from its start alone
         u = np.zeros((3, *self.bodies[level].nodes.shape))
         before, done, gone = u, 0.0, 0.0
         blunt = self._blunted(plates, level)
@@ -322,13 +331,14 @@ class Stages:
         u: NDArray[np.float64],
         tolerance: float,
         before: Held,
+        largest: float | None = None,
     ) -> State:
         """State of one of the bodies from a displacement near it, with friction if there is any."""
 
         def minimised(u: NDArray[np.float64], contact: Contact) -> State:
-            return self._minimise(body, level, contact, plates.thickness_mm, u, tolerance)
+            return self._minimise(body, level, contact, gap_mm, u, tolerance, largest=largest)
 
-        contact = self.contact(level, plates)
+        contact, gap_mm = self.contact(level, plates), plates.thickness_mm
         if before.grip is None:
             return minimised(u, contact)
         first = self._friction(level, plates, contact, before.u, before.grip)
@@ -355,6 +365,7 @@ class Stages:
         u: NDArray[np.float64],
         tolerance: float,
         unfolded: float = np.inf,
+        largest: float | None = None,
     ) -> State:
         edge = 2.0**level * float(self.mesh.nodes.spacing_mm[0])
 
@@ -370,9 +381,8 @@ class Stages:
                 self._watch(row[0])
 
         return minimise(
-            body, contact, u, tolerance, self._workspace,
-            watch=watch, unfolded=unfolded,
-        )  # fmt: skip
+            body, contact, u, tolerance, self._workspace, largest, watch=watch, unfolded=unfolded
+        )
 
 
 def interpolated(u: NDArray[np.float64], coarse: Body, fine: Body) -> NDArray[np.float64]:

@@ -51,7 +51,7 @@ NEAR, NEAR_LARGEST = 0.2, 2.0
 """Mean and largest displacement of a node in a step, element edges, below which the exact tangent
 stiffness is used: further away, leaving out what may be negative leads on faster."""
 
-MAX_FORCING_TERM, TIGHTEST = 0.1, 0.01
+MAX_FORCING_TERM, TIGHTEST = 0.1, 0.03
 """Part of its residual that a step's linear problem may leave; between them 0.9 times the square of
 the last step's reduction of the force (Eisenstat & Walker 1996, SIAM J Sci Comput 17:16-32)."""
 
@@ -106,6 +106,7 @@ def minimise(
     u: NDArray[np.float64],
     tolerance: float,
     workspace: Workspace,
+    largest: float | None = None,
     max_steps: int = MAX_STEPS,
     watch: Callable[[Step], None] | None = None,
     unfolded: float = np.inf,
@@ -119,9 +120,10 @@ def minimise(
     u : ndarray, [3, x, y, z]
         Displacement to start from, lattice units.
     tolerance : float
-        Stop where the nodes' estimated mean distance from equilibrium is below this, and the
-        largest below `LARGEST_TO_MEAN` times this, lattice units.
+        Stop where the nodes' estimated mean distance from equilibrium is below this, lattice units.
     workspace : Workspace
+    largest : float, optional
+        The same of the largest; default: `LARGEST_TO_MEAN` times `tolerance`.
     max_steps : int
     watch : callable, optional
         Called with each step.
@@ -142,6 +144,7 @@ def minimise(
     along which no negative curvature was met.
     """
     search = _Search(workspace)
+    largest = LARGEST_TO_MEAN * tolerance if largest is None else largest
     value, error, cycles, length = evaluate(body, contact, u), (np.inf, np.inf), 0, 1.0
     done = interrupted = False
     for number in range(max_steps + 1):
@@ -159,7 +162,7 @@ def minimise(
             interrupted = True
             break
         error = _error(model, trial, search)
-        done = error[0] <= tolerance and error[1] <= LARGEST_TO_MEAN * tolerance
+        done = error[0] <= tolerance and error[1] <= largest
         _learn(model, trial, search)
         u, value, length, cycles = trial.u, trial.value, trial.length, model.iterations
     return State(u, value, step, done, interrupted)
@@ -176,17 +179,16 @@ def _direction(
     search.force = norm
     eigenvalues = search.workspace.eigenvalues
     while True:
-        kind = u.shape, search.exact
-        known = eigenvalues.get(kind)
+        known = eigenvalues.get(u.shape)
         level = _tangent(body, contact, u, float(search.exact), search.workspace)
         multigrid = Multigrid(level, search.workspace, known)
-        eigenvalues[kind] = multigrid.eigenvalues
+        eigenvalues[u.shape] = multigrid.eigenvalues
         force = (-value.force).astype(np.float32)
         radius = search.radius if search.exact else UNBOUNDED
         model = truncated_gradients(multigrid, force, radius, reduction, MAX_CYCLES)
         if model.definite and (not search.exact or model.ritz > WORST_CURVATURE):
             return model
-        eigenvalues.pop(kind)
+        eigenvalues.pop(u.shape)
         if not search.exact and known is None:
             return model
         search.exact = False
@@ -206,7 +208,7 @@ def _tangent(
     clear(stencil, body.node_span)
     body.add_tangent(u, geometric, stencil)
     contact.add_stiffness(u, geometric, stencil)
-    hold(stencil, body.node_span, body.free)
+    hold(stencil, body.node_span, body.free, body.held_rows)
     return BlockLevel.of(stencil, body.node_span, workspace)
 
 

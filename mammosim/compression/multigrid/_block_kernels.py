@@ -93,10 +93,10 @@ def clear(thread, span, out_stencil):
 
 
 @sized_kernel
-def hold(thread, stencil, span, free):
+def hold(thread, stencil, span, free, held):
     """Empty the rows and columns of held displacements; `free` is [3, x, y, z], 1 or 0.
 
-    Nothing couples nodes outside `span`.
+    Nothing couples nodes outside `span`. ``held[x, y]``: whether a row has held displacements.
     """
     for i in share(thread, 1, free.shape[1] - 1):
         for j in range(1, free.shape[2] - 1):
@@ -106,6 +106,8 @@ def hold(thread, stencil, span, free):
             for offset in range(14):
                 flat = offset + 13
                 di, dj, shift = flat // 9 - 1, (flat // 3) % 3 - 1, np.uint64(flat % 3)
+                if not (held[i, j] or held[i + di, j + dj]):
+                    continue
                 for r in range(free.shape[0]):
                     own = free[r, i, j]
                     for c in range(free.shape[0]):

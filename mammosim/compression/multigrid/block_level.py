@@ -166,7 +166,12 @@ def clear(stencil: NDArray[np.float32], span: NDArray[np.int32]) -> None:
     blocks.clear(span, stencil)
 
 
-def hold(stencil: NDArray[np.float32], span: NDArray[np.int32], free: NDArray[np.float32]) -> None:
+def hold(
+    stencil: NDArray[np.float32],
+    span: NDArray[np.int32],
+    free: NDArray[np.float32],
+    held: NDArray[np.bool_],
+) -> None:
     """Empty the rows and columns of held displacements.
 
     Parameters
@@ -177,8 +182,10 @@ def hold(stencil: NDArray[np.float32], span: NDArray[np.int32], free: NDArray[np
         First and one past the last z index that is used.
     free : ndarray of float32, [3, x, y, z]
         1 where a displacement moves, else 0.
+    held : ndarray of bool, [x, y]
+        Rows with displacements that are held.
     """
-    blocks.hold(stencil, span, free)
+    blocks.hold(stencil, span, free, held)
 
 
 def _factorised(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:

@@ -106,13 +106,16 @@ def truncated_gradients(
     radius : float
         Of the trust region, in the norm of the V-cycle; infinite: from the first direction.
     reduction : float
-        Part of the residual, in the norm of the V-cycle, at which to stop.
+        Part of the residual, in the norm of the V-cycle, at which one more iteration is the last:
+        the V-cycle that shows how small the residual is also gives a direction.
     max_iterations : int
 
     Notes
     -----
     Steihaug 1983, SIAM J Numer Anal 20:626-637, and Toint 1981: conjugate gradients up to the
-    boundary; a direction of negative curvature is followed there.
+    boundary; a direction of negative curvature is followed there. What the last iteration leaves is
+    not known, but its error is smaller (in the operator's norm) than what it found, which `left`
+    counts.
     """
     workspace = multigrid.workspace
     correction, direction = (
@@ -130,7 +133,8 @@ def truncated_gradients(
             first = product
             if radius == np.inf:
                 radius = FIRST_RADIUS * float(np.sqrt(product))
-        if product <= reduction**2 * first or iteration == max_iterations:
+        last = product <= reduction**2 * first
+        if iteration == max_iterations or product == 0.0:
             break
         ratio = product / previous if iteration else 0.0
         lengths.turn(product, ratio)
@@ -149,6 +153,9 @@ def truncated_gradients(
         vectors.add_scaled(np.float32(length), image, force)
         decrease += 0.5 * length * product
         previous = product
+        if last:
+            iteration += 1
+            break
     ritz, size = lengths.smallest_ritz(), float(np.sqrt(lengths.square))
     left = float(np.sqrt(product)) / (max(ritz, MIN_RITZ) * max(size, 1e-300))
     return Truncated(correction, decrease, size, False, ritz, left, True, iteration)
