@@ -9,7 +9,7 @@ from mammosim._jit import kernel, merged_kernel
 from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, Paint
 from mammosim.phantom.anatomy._noise_kernels import MOST_NOISE, gradient_noise
 
-FLARE_MM, FLARE_HEIGHT_MM = 1.6, 0.9
+FLARE_MM, FLARE_HEIGHT_MM = 1.0, 0.6
 """How much wider a nipple is at its foot, where it merges into the areola, and the height over
 which that is lost, mm. Chosen by eye."""
 

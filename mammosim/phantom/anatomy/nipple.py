@@ -14,17 +14,25 @@ FLAT_SHARE = 0.08
 al. 2009, Aesthetic Plast Surg 33:295-297), of women a tenth has one that is flat or inverted
 (Alexander, Grant & Campbell 1992, BMJ 304:1030-1032)."""
 
-HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 3.2, 4.0, (1.0, 10.0)
+HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 4.6, 4.0, (1.0, 7.0)
 """Mean height of a nipple that is not flat, shape of its gamma law, and bounds: measured with
-calipers it is 9 mm on average (Sanuki et al. 2009), a third of that when it is not stimulated and
-lies between plates (assumed: on clinical images it stands out by 1 to 4 mm)."""
+calipers it is 9 mm on average (Sanuki et al. 2009), here half of that (assumed: it is not
+stimulated). Stretched skin takes another third between plates, and of the rest the areola's bulge
+hides a part: on an image it stands out by 1 to 4 mm, as on clinical ones."""
 
-DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 12.0, 1.8, (8.0, 16.0)
-"""Diameter: 13 mm on average (Sanuki et al. 2009), at the foot here a millimetre wider than
-stated; the spread is assumed."""
+DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 9.0, 1.6, (6.0, 13.0)
+"""Diameter: 13 mm on average (Sanuki et al. 2009), reached here between plates: the flare at the
+foot adds 2 mm and the skin's stretch a fifth, which a real nipple, of smooth muscle, resists. The
+spread is assumed."""
 
-DOWN = -0.2
-"""How far a nipple leans downward on average, mm per mm of height. Chosen by eye."""
+TAPER, DOME, LUMPS_MM = (0.0, 0.25), (2.2, 5.0), (0.2, 0.8)
+"""Part of the radius that is lost at the tip, exponent of its rounding, and amplitude of its
+unevenness: most nipples are an elevated plateau with steep sides (60 % of 600 breasts; Sanuki et
+al. 2009). Chosen by eye."""
+
+DOWN, LEAN = -0.1, 0.18
+"""How far a nipple leans downward on average, and the spread of that and of its lean aside, mm per
+mm of height. Chosen by eye: positioning brings it into profile."""
 
 ROOT_MM = (3.0, 8.0)
 """How far the nipple's fibrous tissue reaches below the skin. Assumed."""
@@ -115,14 +123,14 @@ def draw_nipple(settings: GenerateSettings, rng: np.random.Generator) -> Nipple:
         else float(np.clip(rng.gamma(HEIGHT_SHAPE, HEIGHT_MM / HEIGHT_SHAPE), *HEIGHTS_MM))
     )
     diameter = float(np.clip(rng.normal(DIAMETER_MM, DIAMETER_SPREAD_MM), *DIAMETERS_MM))
-    tilt = rng.normal((0.0, DOWN), 0.22, 2).clip(-0.6, 0.6)
+    tilt = rng.normal((0.0, DOWN), LEAN, 2).clip(-0.5, 0.5)
     return Nipple(
         settings.nipple_height_mm or height,
         0.5 * (settings.nipple_diameter_mm or diameter),
-        rng.uniform(0.15, 0.6),
+        rng.uniform(*TAPER),
         (float(tilt[0]), float(tilt[1])),
-        rng.uniform(1.6, 3.5),
-        rng.uniform(0.4, 1.1),
+        rng.uniform(*DOME),
+        rng.uniform(*LUMPS_MM),
         rng.uniform(0.0, 100.0),
     )
 
