@@ -72,7 +72,7 @@ class Parenchyma:
 
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
-        "fatty": Parenchyma(12.0, 40.0, 9.0, 5.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.16, 2.6, 0.6),
+        "fatty": Parenchyma(12.0, 46.0, 9.0, 5.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.3, 6.0, 0.25),
         "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.2, 2.0, 0.75),
         "heterogeneous": Parenchyma(
             9.0, 58.0, 32.0, 7.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.28, 1.7, 0.6, threads=1.3
@@ -85,7 +85,8 @@ PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
 """Chosen by eye on projections, so that each class looks like mammograms of its BI-RADS letter;
 subcutaneous fat of 5 to 15 mm and a cone at the nipple follow anatomical drawings (Cooper 1840).
 In dense ones half of the gland is not whole lobes but coats the walls of fat lobules, and there are
-more fibres: without them lines hardly show within gland."""
+more fibres: without them lines hardly show within gland. In fatty ones the little gland there is
+lies in strands along walls over most of the breast, and only a quarter is whole lobes."""
 
 SLEEVE = 0.7
 """Amplitude of the preference of gland for the neighbourhood of ducts. Chosen."""
