@@ -40,18 +40,20 @@ def leave_out(
     depth: CoarseDepth,
     box: NDArray[np.int64],
     voxel_mm: np.float32,
-    skin_and_nipple: NDArray[np.uint8],
+    cover_mm: np.float32,
+    names: NDArray[np.uint8],
     labels: NDArray[np.uint8],
     out_rows: NDArray[np.bool_],
     out_columns: NDArray[np.bool_],
 ) -> None:
     """Turn tissue outside of the held breast into air, and that just inside into skin.
 
-    Only `box` (3, 2) is looked at for that; the nipple stays. `out_rows` [x, y] and `out_columns`
-    [x, z] become true where tissue is left. The surface is moved by half a voxel to either side,
-    column by column, so that it draws no contour lines.
+    Muscle less than `cover_mm` below that skin becomes fat. `names` are the labels of skin, nipple,
+    muscle and fat. Only `box` (3, 2) is looked at for that; the nipple stays. `out_rows` [x, y] and
+    `out_columns` [x, z] become true where tissue is left. The surface is moved by half a voxel to
+    either side, column by column, so that it draws no contour lines.
     """
-    skin, nipple = skin_and_nipple[0], skin_and_nipple[1]
+    skin, nipple, muscle, fat = names[0], names[1], names[2], names[3]
     coarse = depth.mm
     for i in share(thread, 0, labels.shape[0]):
         line = np.empty(coarse.shape[2], np.float32)
@@ -74,6 +76,8 @@ def leave_out(
                         labels[i, j, k] = 0
                     elif here < depth.skin_mm:
                         labels[i, j, k] = skin
+                    elif here < cover_mm and labels[i, j, k] == muscle:
+                        labels[i, j, k] = fat
             some = False
             for k in range(labels.shape[2]):
                 if labels[i, j, k] != 0:

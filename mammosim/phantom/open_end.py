@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mammosim._latest import Latest
 from mammosim.errors import InputError
 from mammosim.phantom._open_end_kernels import CoarseDepth, leave_out
+from mammosim.phantom.anatomy.muscle import COVER_MM
 from mammosim.phantom.breast import BreastPhantom, OpenEnd
 from mammosim.tissues import TISSUES
 
@@ -56,7 +57,8 @@ def without_open_end(breast: BreastPhantom) -> BreastPhantom:
     """The breast without its axillary extension, as views other than oblique ones hold it.
 
     There the arm is down: the fold of the axilla stays outside of the plates, which could not close
-    on it, and the skin of the breast's upper outer part goes on to the chest.
+    on it, and the skin of the breast's upper outer part goes on to the chest. Fat lies under that
+    skin, over what is left of the muscle.
 
     Raises
     ------
@@ -100,7 +102,8 @@ def _held_labels(
     Also the indices along y and z at which there is tissue.
     """
     labels = breast.labels.copy()
-    changed = np.argwhere(end.held_depth_mm < end.skin_mm + 2.0 * end.held_frame.spacing_mm[0])
+    deepest = max(end.skin_mm, COVER_MM) + 2.0 * end.held_frame.spacing_mm[0]
+    changed = np.argwhere(end.held_depth_mm < deepest)
     box = np.zeros((3, 2), np.int64)
     if len(changed):
         # Only the box in which the depth is small is looked at.
@@ -114,12 +117,13 @@ def _held_labels(
         end.held_depth_mm, np.float32(end.skin_mm), cells_x, part_x, cells_y, part_y, cells_z,
         part_z,
     )  # fmt: skip
-    table = np.array([TISSUES["skin"].label, TISSUES["nipple"].label], np.uint8)
+    names = [TISSUES[name].label for name in ("skin", "nipple", "muscle", "adipose")]
     used_rows = np.zeros((labels.shape[0], labels.shape[1]), bool)
     used_columns = np.zeros((labels.shape[0], labels.shape[2]), bool)
     leave_out(
-        coarse, box, np.float32(breast.voxel_mm.min()), table, labels, used_rows, used_columns
-    )
+        coarse, box, np.float32(breast.voxel_mm.min()), np.float32(COVER_MM),
+        np.array(names, np.uint8), labels, used_rows, used_columns,
+    )  # fmt: skip
     rows, columns = (np.flatnonzero(used.any(axis=0)) for used in (used_rows, used_columns))
     return labels, rows, columns
 

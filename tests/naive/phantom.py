@@ -155,9 +155,10 @@ def on_axis(point, start, end, step):
 
 
 def left_out(
-    labels: np.ndarray, coarse, box: np.ndarray, voxel_mm: float, skin: int, nipple: int
-) -> np.ndarray:
-    """Labels with air and skin where a coarse depth below the skin, trilinear, puts them."""
+    labels: np.ndarray, coarse, box: np.ndarray, voxel_mm: float, cover_mm: float,
+    skin: int, nipple: int, muscle: int, fat: int,
+) -> np.ndarray:  # fmt: skip
+    """Labels with air, skin and fat over muscle where a coarse depth, trilinear, puts them."""
     held = labels.copy()
     for i, j, k in np.argwhere((labels != 0) & (labels != nipple)):
         if not all(low <= at < high for at, (low, high) in zip((i, j, k), box, strict=True)):
@@ -173,4 +174,6 @@ def left_out(
             held[i, j, k] = 0
         elif depth < coarse.skin_mm:
             held[i, j, k] = skin
+        elif depth < cover_mm and labels[i, j, k] == muscle:
+            held[i, j, k] = fat
     return held
