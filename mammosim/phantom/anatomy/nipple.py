@@ -14,16 +14,20 @@ FLAT_SHARE = 0.08
 al. 2009, Aesthetic Plast Surg 33:295-297), of women a tenth has one that is flat or inverted
 (Alexander, Grant & Campbell 1992, BMJ 304:1030-1032)."""
 
-HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 4.6, 4.0, (1.0, 7.0)
+HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 5.0, 4.0, (1.0, 7.0)
 """Mean height of a nipple that is not flat, shape of its gamma law, and bounds: measured with
 calipers it is 9 mm on average (Sanuki et al. 2009), here half of that (assumed: it is not
-stimulated). Stretched skin takes another third between plates, and of the rest the areola's bulge
-hides a part: on an image it stands out by 1 to 4 mm, as on clinical ones."""
+stimulated), as `STOUT` takes some. Stretched skin takes another third between plates, and the
+areola's bulge hides a part: on an image it stands out by 1 to 4 mm, as on clinical ones."""
 
 DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 9.0, 1.6, (6.0, 13.0)
 """Diameter: 13 mm on average (Sanuki et al. 2009), reached here between plates: the flare at the
 foot adds 2 mm and the skin's stretch a fifth, which a real nipple, of smooth muscle, resists. The
 spread is assumed."""
+
+STOUT = 0.65
+"""A nipple is no higher than this part of its diameter: a thin, high one looks like a thumb. Chosen
+by eye."""
 
 TAPER, DOME, LUMPS_MM = (0.0, 0.25), (2.2, 5.0), (0.2, 0.8)
 """Part of the radius that is lost at the tip, exponent of its rounding, and amplitude of its
@@ -125,7 +129,7 @@ def draw_nipple(settings: GenerateSettings, rng: np.random.Generator) -> Nipple:
     diameter = float(np.clip(rng.normal(DIAMETER_MM, DIAMETER_SPREAD_MM), *DIAMETERS_MM))
     tilt = rng.normal((0.0, DOWN), LEAN, 2).clip(-0.5, 0.5)
     return Nipple(
-        settings.nipple_height_mm or height,
+        settings.nipple_height_mm or min(height, STOUT * diameter),
         0.5 * (settings.nipple_diameter_mm or diameter),
         rng.uniform(*TAPER),
         (float(tilt[0]), float(tilt[1])),
