@@ -21,7 +21,7 @@ AIR_BELOW_FAT, AIR_FADE = 0.4, 0.1
 
 # Details keep at least this part of their straight contrast where the base lies on the toe or
 # shoulder.
-MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.36, 0.32
+MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.34, 0.32
 
 # On the shoulder, away from strong steps, weak details keep this part of their contrast: on
 # clinical images fibres of muscle, and strands before it, are seen as well as those in fat.

@@ -21,6 +21,9 @@ CELL_MM = 0.5
 LEVELS_DEPTH_MM = 8.0
 """The levels of fat and gland are taken deeper than this."""
 
+LEVELS_WALL_MM = 10.0
+"""They are not taken so near to the chest wall, where a strip of muscle may show (assumed)."""
+
 FAT_QUANTILE, GLAND_QUANTILE = 0.05, 0.99
 """Quantiles of the inner breast at which fat and gland are taken: not the extremes, which noise and
 calcifications set. Assumed."""
@@ -166,6 +169,8 @@ def _levels(
     """Attenuation shown at the grey of fat, and that of gland above it, ln; without muscle."""
     inner = margin.depth_mm > LEVELS_DEPTH_MM
     inner = inner & margin.breast if inner.any() else margin.breast
+    clear = inner & _off_the_wall(margin)
+    inner = clear if clear.any() else inner
     if region is not None and (inner & region).any():
         inner = inner & region
     dark = float(np.quantile(equalized[inner], FAT_QUANTILE))
@@ -176,6 +181,14 @@ def _levels(
     )
     low = float(plateau + np.clip(DARK_SHARE * (dark - plateau), 0.0, MAX_DARK))
     return low, float(np.clip(gland - low, MIN_CONTRAST, MAX_CONTRAST))
+
+
+def _off_the_wall(margin: Margin) -> NDArray[np.bool_]:
+    """What is farther from the chest wall, the side of the image with more breast."""
+    from_left = margin.cell_mm * (np.arange(margin.breast.shape[1]) + 0.5)
+    left, right = (int(margin.breast[:, side].sum()) for side in (0, -1))
+    off: NDArray[np.bool_] = (from_left if left >= right else from_left[::-1]) > LEVELS_WALL_MM
+    return np.broadcast_to(off, margin.breast.shape) & (left + right > 0)
 
 
 def _base(
