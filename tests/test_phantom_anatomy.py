@@ -42,8 +42,8 @@ LABEL = {name: tissue.label for name, tissue in TISSUES.items()}
 @pytest.fixture(scope="module")
 def scattered():
     return generate_phantom(
-        "scattered", voxel_mm=0.75, seed=3, volume_ml=500, skin_mm=1.45, nipple_height_mm=5.9,
-        lymph_nodes=1, benign_calcifications="popcorn",
+        "scattered", voxel_mm=0.75, seed=3, volume_ml=500, skin_mm=1.45, lymph_nodes=1,
+        benign_calcifications="popcorn",
     )  # fmt: skip
 
 
