@@ -113,3 +113,8 @@ def signed_depth(region: NDArray[np.bool_], sigma_cells: float) -> F64:
     depth = np.where(region, inside - 0.5, 0.5 - outside)
     smooth: F64 = ndimage.gaussian_filter(depth, sigma_cells, mode="nearest")
     return smooth
+
+
+def wall_is_left(breast: NDArray[np.bool_]) -> bool:
+    """Whether the chest wall is at the first column: the image's side that more breast touches."""
+    return bool(breast[:, 0].sum() >= breast[:, -1].sum())

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mammosim.acquisition.blocks import block_mean, cell_pixels
-from mammosim.acquisition.breast_outline import without_nipple
+from mammosim.acquisition.breast_outline import wall_is_left, without_nipple
 
 CELL_MM = 1.0
 """Side of the cells in which the background is found."""
@@ -99,12 +99,12 @@ def flattened(
 def _wall(
     level: NDArray[np.float64], body: NDArray[np.bool_], cell_mm: float
 ) -> NDArray[np.float64]:
-    """Median of each column near the chest wall, the image's side that more of the breast touches.
+    """Median of each column near the chest wall.
 
     Counted from the last column, behind which nothing is subtracted.
     """
     wall = np.zeros(level.shape)
-    ahead = slice(None, None, 1 if body[:, 0].sum() >= body[:, -1].sum() else -1)
+    ahead = slice(None, None, 1 if wall_is_left(body) else -1)
     columns = min(round(WALL_MM / cell_mm) + 1, level.shape[1])
     near = [
         float(np.median(values[within])) if within.any() else 0.0

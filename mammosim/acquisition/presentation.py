@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from mammosim.acquisition._kernels import ToneCurve, present_kernel
 from mammosim.acquisition.blocks import block_mean, cell_pixels
-from mammosim.acquisition.breast_outline import Margin, find_margin
+from mammosim.acquisition.breast_outline import Margin, find_margin, wall_is_left
 from mammosim.acquisition.looks import LOOKS, SHARP_LIMIT, SHARP_MM, Look
 from mammosim.acquisition.margin import missing_attenuation, raised_edge
 from mammosim.acquisition.muscle import muscle_of
@@ -22,7 +22,8 @@ LEVELS_DEPTH_MM = 8.0
 """The levels of fat and gland are taken deeper than this."""
 
 LEVELS_WALL_MM = 10.0
-"""They are not taken so near to the chest wall, where a strip of muscle may show (assumed)."""
+"""Nor are they taken within this distance of the chest wall, where a strip of muscle may show
+(assumed)."""
 
 FAT_QUANTILE, GLAND_QUANTILE = 0.05, 0.99
 """Quantiles of the inner breast at which fat and gland are taken: not the extremes, which noise and
@@ -184,11 +185,12 @@ def _levels(
 
 
 def _off_the_wall(margin: Margin) -> NDArray[np.bool_]:
-    """What is farther from the chest wall, the side of the image with more breast."""
-    from_left = margin.cell_mm * (np.arange(margin.breast.shape[1]) + 0.5)
-    left, right = (int(margin.breast[:, side].sum()) for side in (0, -1))
-    off: NDArray[np.bool_] = (from_left if left >= right else from_left[::-1]) > LEVELS_WALL_MM
-    return np.broadcast_to(off, margin.breast.shape) & (left + right > 0)
+    """What is farther from the chest wall; nothing where no breast reaches the image's side."""
+    from_wall = margin.cell_mm * (np.arange(margin.breast.shape[1]) + 0.5)
+    if not wall_is_left(margin.breast):
+        from_wall = from_wall[::-1]
+    off: NDArray[np.bool_] = (from_wall > LEVELS_WALL_MM) & margin.breast[:, [0, -1]].any()
+    return np.broadcast_to(off, margin.breast.shape)
 
 
 def _base(

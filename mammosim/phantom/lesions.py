@@ -64,7 +64,7 @@ def insert_lesions(
     rng : Generator
         Draws places that are not given, outlines, and calcifications.
     in_place : bool
-        Paint into the breast's own labels, for one that is not used any more.
+        Paint into the breast's own labels, for a breast that is not used any further.
 
     Returns
     -------

@@ -62,7 +62,7 @@ def make_phantom(
         )  # fmt: skip
     landmarks = _landmarks(breast, settings.landmarks)
     rng = np.random.default_rng([seed, _LESION_STREAM, *([breast_number] if breast_number else [])])
-    generated = settings.generate is not None  # nobody else has its labels
+    generated = settings.generate is not None  # so nothing else uses its labels
     breast = insert_lesions(breast, settings.lesions, rng, in_place=generated)
     return dataclasses.replace(
         breast,

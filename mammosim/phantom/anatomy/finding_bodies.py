@@ -20,9 +20,10 @@ CALCIFIED = (
     (0.5, "benign_calcification_half"),
     (1.0, "benign_calcification"),
 )
-"""Part of a voxel that is calcified, and its tissue."""
+"""Parts of a voxel within the breast that may be calcified, and their tissues."""
 
 Vector = NDArray[np.float64]
+Parts = tuple[tuple[float, str], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +52,12 @@ class Ball:
     def reach_mm(self) -> float:
         """Greatest distance of a point of it from its centre, mm."""
         return float(self.axes_mm.max())
+
+    @property
+    def parts(self) -> Parts:
+        """Parts of a voxel that may be of it, rising, and their tissues."""
+        calcified = self.tissue == "benign_calcification" and not self.into
+        return CALCIFIED if calcified else ((1.0, self.tissue),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +94,9 @@ def paint_findings(
 ) -> None:
     """Paint findings, so that the mean of partly filled voxels is right.
 
-    Of calcifications within the breast, a voxel holds the fraction above or below its own that has
-    a label, and keeps what it holds of others if that is more. Any other voxel is filled or not.
-    Which of the two is spread evenly: bodies thinner than a voxel would otherwise form stripes.
+    A voxel gets the part above or below its own that has a label, and keeps what it holds of others
+    if that is more. Which of the two is spread evenly: bodies thinner than a voxel would otherwise
+    form stripes.
     """
     axes = (lattice.x_mm, lattice.lateral_mm, lattice.superior_mm)
     voxel = float(axes[0][1] - axes[0][0])
@@ -103,29 +110,27 @@ def paint_findings(
         grid = np.stack(np.meshgrid(*(axis[p] for axis, p in zip(axes, box, strict=True)),
                                     indexing="ij"), axis=-1) - one.centre_mm  # fmt: skip
         part = labels[box]
-        lots = _even_lots(box)
-        if isinstance(one, Ball) and one.tissue == "benign_calcification" and not one.into:
-            _calcify(part, _ball_fill(one, grid, voxel), lots)
-            continue
         if isinstance(one, Ball):
-            fill = _ball_fill(one, grid, voxel)
-            allowed = _allowed(one.into, part)
-            label = TISSUES[one.tissue].label
+            fill, allowed, parts = _ball_fill(one, grid, voxel), _allowed(one.into, part), one.parts
         else:
-            fill = _fold_fill(one, grid, voxel)
-            allowed = part != 0
-            label = TISSUES["skin"].label
-        part[allowed & (lots < fill)] = label
+            fill, allowed, parts = _fold_fill(one, grid, voxel), part != 0, ((1.0, "skin"),)
+        _paint(part, allowed, fill, _even_lots(box), parts)
 
 
-def _calcify(part: NDArray[np.uint8], fill: NDArray[np.float64], lots: NDArray[np.float64]) -> None:
-    held = np.zeros(256)
-    for share, tissue in CALCIFIED:
+def _paint(
+    labels: NDArray[np.uint8],
+    allowed: NDArray[np.bool_],
+    fill: NDArray[np.float64],
+    lots: NDArray[np.float64],
+    parts: Parts,
+) -> None:
+    """Give each voxel the label of the part above or below its `fill`, by its lot."""
+    held, below = np.zeros(256), 0.0
+    for share, tissue in parts:
         held[TISSUES[tissue].label] = share
-    allowed, below = _allowed((), part), 0.0
-    for share, tissue in CALCIFIED:
+    for share, tissue in parts:
         reached = lots < (fill - below) / (share - below)
-        part[allowed & reached & (held[part] < share)] = TISSUES[tissue].label
+        labels[allowed & reached & (held[labels] < share)] = TISSUES[tissue].label
         below = share
 
 
