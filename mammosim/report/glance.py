@@ -75,17 +75,14 @@ def _equilibrium(view: ReportedView) -> Line:
     compressed = view.compressed
     if not compressed.converged:
         return Line(compressed.view.folder, "did not converge: do not rely on it")
-    mean, largest = compressed.error_mm
-    if math.isfinite(mean) and math.isfinite(largest):
-        average = "less than 0.01" if mean < 0.01 else f"{mean:.2f}"
-        bound = f"within {max(largest, 0.01):.2f} mm of the model's equilibrium"
-        text = f"{bound}, {average} mm on average"
-    else:
-        text = "converged"
+    largest = compressed.error_mm[1]
+    text = "converged"
+    if math.isfinite(largest):
+        text = f"at most {max(largest, 0.01):.2f} mm from equilibrium"
     off = compressed.measures.get("height_error_mm", math.nan)
     if math.isfinite(off):
         distance = "less than 0.1" if off < 0.1 else f"about {off:.1f}"
-        text += f"; plates {distance} mm from the height where both press equally"
+        text += f"; plates {distance} mm off balance"
     return Line(compressed.view.folder, text)
 
 
