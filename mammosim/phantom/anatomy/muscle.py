@@ -27,7 +27,8 @@ COVER_MM = 7.0
 
 OWN_PART, OWN_MM = 0.5, 50.0
 """The muscle is sized by this part of what it measures in the average woman, mm, and the rest of
-the ridge's height: it varies less than the breast does. Chosen."""
+the ridge's height: it varies less than the breast does. It is no thicker than fits under the ridge,
+so that its front stays straight up to the open end. Chosen."""
 
 FAT_IN_MUSCLE = 0.122
 """Share of fat between and within the muscle's bundles, as their walls and streaks make it."""
@@ -49,8 +50,8 @@ class Muscle:
     Parameters
     ----------
     wedge : float
-        At the open end, against the mean of the axillary ridge's height and `OWN_MM`: how far
-        positioning draws the muscle off the chest wall.
+        At the open end, against the mean of the axillary ridge's height and `OWN_MM`, or what fits
+        under the ridge: how far positioning draws the muscle off the chest wall.
     start_mm : float
         Where along the way to the axilla the wedge starts, against the nipple, mm.
     bulge : float
@@ -85,9 +86,9 @@ def draw_muscle(rng: np.random.Generator) -> Muscle:
         for _ in range(4)
     )
     return Muscle(
-        wedge=rng.uniform(0.78, 0.96),
-        start_mm=rng.uniform(-70.0, -40.0),
-        bulge=rng.uniform(0.85, 1.05),
+        wedge=rng.uniform(0.82, 0.97),
+        start_mm=rng.uniform(-85.0, -55.0),
+        bulge=rng.uniform(1.0, 1.3),
         medial_mm=rng.uniform(3.0, 4.5),
         lateral_mm=rng.uniform(0.3, 0.9),
         bow=rng.uniform(0.15, 0.35),
@@ -108,13 +109,14 @@ def muscle_depth(muscle: Muscle, outline: Outline, frame: VoxelFrame) -> NDArray
     most = LOW_MM * smooth_step(up / LOW_FROM) + (height - COVER_MM) * above
     across = across_mm(lateral, superior) - outline.axilla.offset_mm
     aside = np.clip(across / outline.axilla.half_width_mm, -1.5, 1.5)
-    wedge = muscle.wedge * (OWN_PART * OWN_MM + (1.0 - OWN_PART) * height) * rise**muscle.bulge
+    own = OWN_PART * OWN_MM + (1.0 - OWN_PART) * height
+    wedge = muscle.wedge * min(own, height - COVER_MM) * rise**muscle.bulge
     wedge = wedge * (1.0 - muscle.bow * aside**2)
     for amplitude, along, sideways, phase in muscle.waves:
         turn = along * along_mm(lateral, superior) + sideways * across + phase
         wedge = wedge + amplitude * np.clip(3.0 * rise, 0.0, 1.0) * np.cos(turn)
     wedge = np.clip(wedge, 0.0, None)
-    wedge = wedge * most / (wedge**4 + most**4 + 1e-9) ** 0.25  # a smooth minimum
+    wedge = wedge * most / (wedge**8 + most**8 + 1e-9) ** 0.125  # a smooth minimum
     share = np.clip(0.5 - 0.5 * lateral / radius, 0.0, 1.0)
     slab = muscle.lateral_mm + (muscle.medial_mm - muscle.lateral_mm) * share
     front: NDArray[np.float64] = np.hypot(wedge, slab)

@@ -115,6 +115,10 @@ OUTSIDE, WITHIN = 2.0, 0.35
 """Slope of the potential outside and within the region of gland, against that of the room.
 Chosen by eye."""
 
+INTO_FAT = 2.5
+"""How much more steeply the room for gland falls within subcutaneous fat than below it: a muscle
+that takes the room behind leaves gland less of it, not less fat before it. Chosen."""
+
 AHEAD, AHEAD_SHARE = 1.6, 0.6
 """Amplitude of the preference of gland for the front of the breast, and the distance from the
 nipple at which there is none, against the breast's depth. Chosen by eye."""
@@ -168,6 +172,7 @@ def gland_room(
     uneven = smooth_noise(rng, frame, 30.0)
     fat = 2.0 + (kind.fat_mm * np.clip(1.0 + 0.3 * uneven, 0.5, 1.7) - 2.0) * back**0.8
     from_skin = (skin_depth_mm - fat) / 5.0
+    from_skin = np.minimum(from_skin, INTO_FAT * from_skin)
     behind = np.clip(9.0 + 3.0 * smooth_noise(rng, frame, 35.0), 4.0, None)
     # The muscle's depth is along x; its front is up to twice as steep.
     from_muscle = (-muscle_depth_mm / steepness(muscle_depth_mm) - behind) / 1.5
