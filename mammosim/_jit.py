@@ -40,6 +40,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.event import Event, Listener, install_listener
 from threadpoolctl import threadpool_limits
 
+from mammosim._crew import crew_of_thread
 from mammosim._kernel_cache import kernel_cache
 
 Arguments = ParamSpec("Arguments")
@@ -192,7 +193,7 @@ def _threaded(
         # Asking for the number of threads takes longer than a kernel does on a small array.
         alone = numba.config.DISABLE_JIT or numba.config.NUMBA_NUM_THREADS == 1
         small = smallest_bytes > 0 and _bytes_of(arguments, named) <= smallest_bytes
-        threads = 1 if alone or small else numba.get_num_threads()
+        threads = 1 if alone or small else kernel_threads()
         if threads == 1:
             return [compiled((0, 1, due, step), *arguments, **named) for due in range(step)]
         returned: list[Any] = []
@@ -209,6 +210,12 @@ def _threaded(
         return returned
 
     return run
+
+
+def kernel_threads() -> int:
+    """Threads that a kernel runs on which the calling thread calls now."""
+    crew = crew_of_thread()
+    return numba.get_num_threads() if crew is None else crew.share()
 
 
 def _bytes_of(arguments: tuple[Any, ...], named: dict[str, Any]) -> int:

@@ -153,16 +153,56 @@ def test_the_share_follows_the_plan_and_the_end_the_pace():
     run.report("LCC", "volumes")  # not planned: what was going on is done
     assert run.share == pytest.approx(0.6)
     run.report("LCC", "projection")
+    run.report("LCC", "targets")
     run.report("LMLO", "compression")
     assert run.share == pytest.approx(0.8)
     run.report("", "report")
     assert (run.share, run.seconds_left) == (1.0, 0.0)
 
 
-def test_a_stage_that_was_kept_from_before_is_passed_over():
-    run = RunProgress(PLAN, Clock())
+def test_views_that_are_made_at_the_same_time_add_up():
+    clock = Clock()
+    run = RunProgress(PLAN, clock)
+    run.report("", "phantom")
+    run.report("LCC", "compression")
     run.report("LMLO", "compression")
-    assert run.share == pytest.approx(0.8)
+    clock.now = 10.0
+    assert run.share == pytest.approx(0.2 + 0.1 + 0.1)
+    run.report("LMLO", "projection")  # not planned
+    assert run.share == pytest.approx(0.2 + 0.1 + 0.2)
+    run.report("LCC", "projection")
+    assert run.share == pytest.approx(0.2 + 0.4 + 0.2)
+
+
+def test_both_breasts_have_their_own_part_of_the_plan():
+    both = (PlannedStage("CC", "compression", 10.0), PlannedStage("CC", "compression", 30.0))
+    run = RunProgress(Plan((), 1.0, both), Clock())
+    run.report("LCC", "compression")
+    run.report("RCC", "compression")
+    run.report("RCC", "targets")
+    assert run.share == pytest.approx(0.75)
+
+
+def test_a_stage_of_the_run_passes_over_what_was_not_reported():
+    run = RunProgress(Plan((), 1.0, (*PLAN.stages, PlannedStage("", "biopsy", 100.0))), Clock())
+    run.report("LCC", "compression")
+    run.report("", "biopsy")
+    assert run.share == pytest.approx(0.5)
+
+
+def test_the_numbers_of_another_view_are_shown_after_a_while(capsys, monkeypatch):
+    monkeypatch.setattr(shown, "SECONDS_PER_LINE", -1.0)
+    with shown.progress(PLAN, verbose=True) as on_progress:
+        on_progress("LCC", "compression", None)
+        on_progress("LMLO", "compression", None)
+        on_progress("LCC", "compression", ROW)  # too soon
+        on_progress("LMLO", "compression", ROW)
+        monkeypatch.setattr(shown, "SECONDS_PER_VIEW", -1.0)
+        on_progress("LCC", "compression", ROW)
+    lines = capsys.readouterr().err.splitlines()
+    assert [(line.split(":")[0], "33.0 N" in line) for line in lines] == [
+        ("LCC", False), ("LMLO", False), ("LMLO", True), ("LCC", True),
+    ]  # fmt: skip
 
 
 def test_a_cohort_says_nothing_twice(capsys, monkeypatch):

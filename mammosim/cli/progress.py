@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 SECONDS_PER_LINE = 30.0
 """Between two lines of a stage's progress where there is no terminal."""
 
+SECONDS_PER_VIEW = 2.0
+"""For which the stage of one view is shown before that of another that goes on at the same time."""
+
 SECONDS_PER_EVENT = 0.1
 """Between two rows of a solver's history that are reported to another program."""
 
@@ -42,38 +45,62 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
         Whether to show the solver's numbers too.
     """
     from mammosim._jit import watch_compiling  # here, as Numba takes a while to load
-    from mammosim.pipeline import RunProgress, stage_in_words
+    from mammosim.pipeline import RunProgress
 
     with _moving_line() if err.is_terminal else nullcontext(_line_now_and_then()) as show:
         run = RunProgress(plan)
-        where, began = "starting", monotonic()
+        shown, began = _ShownStage(), dict[str, float]()
         explained, compiling = False, _compiling_in_words("")
 
         def line() -> str:
-            return f"{where} ({run.sentence(datetime.now())})"
+            return f"{shown.text} ({run.sentence(datetime.now())})"
 
         def on_progress(view: str, stage: str, row: Any) -> None:
-            nonlocal where, began, explained, compiling
-            where = stage_in_words(view, stage)
+            nonlocal explained, compiling
+            is_shown = shown.take(view, stage, row is None)
             if row is None:
                 run.report(view, stage)
-                began, explained, compiling = monotonic(), False, _compiling_in_words(stage)
+                began[view], explained = monotonic(), False
+                compiling = _compiling_in_words(stage)
                 show(line(), at_once=True)
-            else:
-                numbers = f", {row_text(row, monotonic() - began)}" if verbose else ""
-                show(line() + numbers)
+            elif is_shown:
+                seconds = monotonic() - began.get(view, monotonic())
+                show(line() + (f", {row_text(row, seconds)}" if verbose else ""))
 
         def on_compiling(kernel: str | None) -> None:
             nonlocal explained
             if kernel is not None:
                 named = f": {kernel}" if verbose else ""
-                show(f"{where}: {compiling}{named}", at_once=not explained)
+                show(f"{shown.text}: {compiling}{named}", at_once=not explained)
                 explained = True
             elif err.is_terminal:
                 show(line())
 
         with watch_compiling(on_compiling):
             yield on_progress
+
+
+class _ShownStage:
+    """The stage that is shown, of views that may be made at the same time.
+
+    It is the one that was reported last, but that of another view at once only where it begins.
+    """
+
+    def __init__(self) -> None:
+        self.text = "starting"
+        self._view, self._since = "", 0.0
+
+    def take(self, view: str, stage: str, begins: bool) -> bool:
+        """Note what is reported; whether it is shown."""
+        from mammosim.pipeline import stage_in_words
+
+        now = monotonic()
+        if view != self._view:
+            if not begins and now - self._since < SECONDS_PER_VIEW:
+                return False
+            self._view, self._since = view, now
+        self.text = stage_in_words(view, stage)
+        return True
 
 
 def _compiling_in_words(stage: str) -> str:
@@ -89,12 +116,13 @@ def event_lines(plan: Plan) -> Iterator[Any]:
 
     Each has `view`, `stage`, `text`, `share` (0 to 1) and `row`: the solver's numbers or null.
     """
-    from mammosim.pipeline import RunProgress, stage_in_words
+    from mammosim.pipeline import RunProgress
 
-    run, last = RunProgress(plan), 0.0
+    run, shown, last = RunProgress(plan), _ShownStage(), 0.0
 
     def on_progress(view: str, stage: str, row: Any) -> None:
         nonlocal last
+        shown.take(view, stage, row is None)
         if row is None:
             run.report(view, stage)
         elif monotonic() - last < SECONDS_PER_EVENT:
@@ -102,7 +130,7 @@ def event_lines(plan: Plan) -> Iterator[Any]:
         else:
             last = monotonic()
         numbers = None if row is None else _numbers(row)
-        text = f"{stage_in_words(view, stage)} ({run.sentence(datetime.now())})"
+        text = f"{shown.text} ({run.sentence(datetime.now())})"
         event = {"view": view, "stage": stage, "text": text, "share": run.share, "row": numbers}
         sys.stdout.write(json.dumps(event) + "\n")
         sys.stdout.flush()

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._latest import Latest
+from mammosim._derived import Derived
 from mammosim.errors import InputError
 from mammosim.phantom._open_end_kernels import CoarseDepth, leave_out
 from mammosim.phantom.anatomy.muscle import COVER_MM
@@ -49,7 +49,7 @@ def as_held(breast: BreastPhantom, long_side: NDArray[np.float64]) -> BreastPhan
     return breast if leaves_picture(breast, long_side) else without_open_end(breast)
 
 
-_latest: Latest[BreastPhantom, BreastPhantom] = Latest()
+_held: Derived[BreastPhantom, BreastPhantom] = Derived()
 """Held parts of breasts: a run checks first that one can be compressed."""
 
 
@@ -67,13 +67,13 @@ def without_open_end(breast: BreastPhantom) -> BreastPhantom:
 
     Notes
     -----
-    A copy of the labels is made, of the box around what remains; that of the breast asked for last
-    is kept as long as that breast is.
+    A copy of the labels is made, of the box around what remains; it is kept as long as the breast
+    is.
     """
     end = breast.open_end
     if end is None:
         return breast
-    return _latest.of(breast, lambda: _without_axilla(breast, end))
+    return _held.of(breast, lambda: _without_axilla(breast, end))
 
 
 def _without_axilla(breast: BreastPhantom, end: OpenEnd) -> BreastPhantom:

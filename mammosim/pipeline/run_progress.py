@@ -44,7 +44,7 @@ def stage_in_words(view: str, stage: str) -> str:
 
 
 class RunProgress:
-    """Follows a run by the stages that it reports.
+    """Follows a run by the stages that it reports, of several views at the same time or in turn.
 
     Parameters
     ----------
@@ -62,32 +62,45 @@ class RunProgress:
     def __init__(self, plan: Plan, clock: Callable[[], float] = monotonic) -> None:
         self._stages, self._clock = plan.stages, clock
         self._total = max(sum(stage.seconds for stage in plan.stages), 1e-9)
-        self._done = 0
-        self._running = False
-        self._began = self._stage_began = clock()
+        self._done: set[int] = set()
+        self._running: dict[str, tuple[int, float]] = {}
+        self._began = clock()
         self._ended = False
 
     def report(self, view: str, stage: str) -> None:
-        """Note that a stage begins; what comes before it in the plan is done."""
-        self._stage_began = self._clock()
+        """Note that a stage begins; the view's stage before it is done.
+
+        All that the plan has before a stage of the whole run is done then, and what it has for the
+        whole run before a stage of a view.
+        """
         self._ended = stage == "report"
-        self._done += self._running
-        self._running = False
-        for place in range(self._done, len(self._stages)):
-            planned = self._stages[place]
-            if planned.stage == stage and (not planned.view or view.endswith(planned.view)):
-                self._done, self._running = place, True
-                break
+        for name in list(self._running) if not view else ["", view]:
+            if name in self._running:
+                self._done.add(self._running.pop(name)[0])
+        place = self._planned(view, stage)
+        if place is None:
+            return
+        before = range(place)
+        self._done.update(n for n in before if not view or not self._stages[n].view)
+        self._running[view] = place, self._clock()
+
+    def _planned(self, view: str, stage: str) -> int | None:
+        """Place in the plan of a stage that begins; views on both sides are planned alike."""
+        begun = self._done | {place for place, _ in self._running.values()}
+        for place, planned in enumerate(self._stages):
+            of_view = not planned.view or view.endswith(planned.view)
+            if place not in begun and planned.stage == stage and of_view:
+                return place
+        return None
 
     @property
     def share(self) -> float:
         """Part of the run that is done, 0 to 1."""
         if self._ended:
             return 1.0
-        done = sum(stage.seconds for stage in self._stages[: self._done])
-        if self._running:
-            now = self._stages[self._done].seconds
-            done += min(self._clock() - self._stage_began, MAX_STAGE_SHARE * now)
+        done, now = sum(self._stages[place].seconds for place in self._done), self._clock()
+        for place, began in self._running.values():
+            done += min(now - began, MAX_STAGE_SHARE * self._stages[place].seconds)
         return min(done / self._total, 1.0)
 
     @property
@@ -106,8 +119,9 @@ class RunProgress:
         >>> from mammosim.pipeline.configuration import PlannedStage
         >>> plan = Plan((), 1.0, (PlannedStage("CC", "compression", 60.0),
         ...                       PlannedStage("CC", "projection", 60.0)))
-        >>> ticks = iter([0.0, 60.0, 60.0, 60.0, 60.0, 60.0])
+        >>> ticks = iter([0.0, 0.0, 60.0, 60.0, 60.0, 60.0])
         >>> progress = RunProgress(plan, lambda: next(ticks))
+        >>> progress.report("LCC", "compression")
         >>> progress.report("LCC", "projection")
         >>> progress.sentence(datetime(2024, 5, 1, 12, 0))
         '50 %, ends about 12:01'

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._latest import Latest
+from mammosim._derived import Derived
 from mammosim.compression import CompressedBreast, InverseMap
 from mammosim.errors import InputError
 from mammosim.geometry import VoxelFrame
@@ -40,7 +40,7 @@ class VoxelMap:
     clipped_fraction: float
 
 
-_latest: Latest[CompressedBreast, VoxelMap] = Latest()
+_maps: Derived[CompressedBreast, VoxelMap] = Derived()
 """Projection, scatter and the volumes of one view, which are written beside them, need the same."""
 
 
@@ -65,9 +65,9 @@ def voxel_map(compressed: CompressedBreast) -> VoxelMap:
     1/J of a cell is the exact volume of its eight mapped corners, joined trilinearly, over the
     cell's own. A node has the mean of the cells around it, weighted by the tissue in them; between
     nodes it is interpolated. A density that jumped from cell to cell would draw the grid into the
-    picture. The map of the breast asked for last is kept as long as that breast is.
+    picture. A breast's map is kept as long as the breast is.
     """
-    return _latest.of(compressed, lambda: _made_map(compressed))
+    return _maps.of(compressed, lambda: _made_map(compressed))
 
 
 def _made_map(compressed: CompressedBreast) -> VoxelMap:

@@ -56,13 +56,18 @@ class StageCache:
     Attributes
     ----------
     reused : list of str
-        Stages that did not have to be computed, as ``LCC.compression``.
+        Stages that did not have to be computed, as ``LCC.compression``; phantoms first.
     """
 
     def __init__(self, run: Path, inputs: Iterable[str], others: Iterable[Path] = ()) -> None:
         self._folders = [folder / STAGES_FOLDER for folder in (run, *others)]
         self._inputs = tuple(inputs)
-        self.reused: list[str] = []
+        self._reused: list[str] = []
+
+    @property
+    def reused(self) -> list[str]:
+        """Phantoms, then compressions, whichever thread found them first."""
+        return sorted(self._reused, key=lambda name: (not name.endswith("phantom"), name))
 
     def make_folder(self) -> None:
         """Make the folder of kept stages, which also marks its parent as a run's.
@@ -127,7 +132,7 @@ class StageCache:
         for folder in self._folders:
             found = _load(folder / f"{name}.npz", key)
             if found is not None:
-                self.reused.append(name)
+                self._reused.append(name)
                 return found
         made = make()
         hand_over(_save, self._folders[0], name, key, before_saving(made))

@@ -7,25 +7,33 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
+from threading import Lock
 from typing import Any
 
 from mammosim._jit import use_threads
 
 MAX_WAITING = 4
-"""Results that may wait to be written. All are in memory until the run ends anyway; what is made
-only to be written, as a compressed breast's labels, is made when its turn comes."""
+"""Results of a view that may wait to be written. All are in memory until the run ends anyway; what
+is made only to be written, as a compressed breast's labels, is made when its turn comes."""
 
 
 class WritingThread:
     """Writes results while the run goes on, in the order in which they are handed over.
 
     What cannot be written is raised where the run hands over its next result, or at `finish`; what
-    has not begun by then is not written.
+    has not begun by then is not written. Views that are made at the same time share it.
+
+    Parameters
+    ----------
+    views : int
+        How many views are made at the same time; each may have `MAX_WAITING` results waiting.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, views: int = 1) -> None:
+        self._most = MAX_WAITING * views
         self._thread = ThreadPoolExecutor(1, "writing", initializer=use_threads, initargs=(1,))
         self._waiting: deque[tuple[Future[None], Callable[[], None]]] = deque()
+        self._handing_over = Lock()
 
     def hand_over(
         self,
@@ -48,9 +56,10 @@ class WritingThread:
         InputError
             If something before could not be written.
         """
-        self._let_wait(MAX_WAITING)
-        task = partial(_write, note, write, *arguments)
-        self._waiting.append((self._thread.submit(task), task))
+        with self._handing_over:
+            self._let_wait(self._most)
+            task = partial(_write, note, write, *arguments)
+            self._waiting.append((self._thread.submit(task), task))
 
     def finish(self) -> None:
         """Write what is left, the last on this thread meanwhile, until all is written.
@@ -60,9 +69,10 @@ class WritingThread:
         InputError
             If something could not be written.
         """
-        while len(self._waiting) > 1 and self._waiting[-1][0].cancel():
-            self._waiting.pop()[1]()
-        self._let_wait(0)
+        with self._handing_over:
+            while len(self._waiting) > 1 and self._waiting[-1][0].cancel():
+                self._waiting.pop()[1]()
+            self._let_wait(0)
 
     def close(self) -> None:
         """Give up what has not begun, and end the thread."""

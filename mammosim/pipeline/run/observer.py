@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial, wraps
+from threading import RLock
 from typing import Any, ParamSpec, Protocol, Self, TypeVar
+
+import numpy as np
 
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast, CompressionSettings
@@ -20,6 +21,7 @@ from mammosim.phantom import BreastPhantom
 from mammosim.pipeline.configuration import RunConfig
 from mammosim.pipeline.folder import RunFolder
 from mammosim.pipeline.run.beside import WritingThread
+from mammosim.pipeline.run.side_by_side import signals_held
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 from mammosim.report import Status
 
@@ -54,29 +56,14 @@ def unobserved(stage: Callable[Arguments, Result], /) -> Callable[Arguments, Res
     return stage
 
 
-@contextmanager
-def signals_held() -> Iterator[None]:
-    """Ignore SIGINT and SIGTERM for a while; only the main thread ever gets them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    handlers = [signal.signal(number, signal.SIG_IGN) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, handlers, strict=True):
-            signal.signal(number, handler)
-
-
 class RunObserver:
     """Observes the stages of one run.
 
     Every stage is timed and reported. The phantom and the compressions are taken from the run's
     folder where it keeps them, and kept there. A compression and a view are written as soon as they
     are there, beside the stages that follow; the study is when all are. A compression that did not
-    converge is noted, and the run continues with the state reached. It is a context, which ends
-    when nothing is being written any more.
+    converge is noted, and the run continues with the state reached. Views may be made at the same
+    time. It is a context, which ends when nothing is being written any more.
 
     Parameters
     ----------
@@ -84,26 +71,27 @@ class RunObserver:
     output : RunFolder, optional
         Without it, nothing is kept or written.
     on_progress : callable, optional
-
-    Attributes
-    ----------
-    on_progress : callable
-        Called with each stage, and with rows of the solver's history.
-    unfinished : list of NotConverged
-        Compressions that did not converge.
+        Called by one thread at a time.
+    at_once : int
+        How many views are made at the same time.
     """
 
     def __init__(
-        self, config: RunConfig, output: RunFolder | None, on_progress: OnProgress | None
+        self,
+        config: RunConfig,
+        output: RunFolder | None,
+        on_progress: OnProgress | None,
+        at_once: int = 1,
     ) -> None:
         self._config, self._output = config, output
-        self.on_progress: OnProgress = on_progress or (lambda view, stage, row: None)
-        self.unfinished: list[NotConverged] = []
-        self._views: dict[str, ViewResult] = {}
+        self._on_progress: OnProgress = on_progress or (lambda view, stage, row: None)
+        self._unfinished: dict[str, NotConverged] = {}
+        self._views: dict[str, ViewResult | None] = {}
         self._seconds: dict[str, float] = defaultdict(float)
-        self._reported = ("", "")
+        self._reported: dict[str, str] = {}
         self._breasts: list[BreastPhantom] = []
-        self._beside = WritingThread()
+        self._beside = WritingThread(at_once)
+        self._noting = RLock()
 
     def __enter__(self) -> Self:
         return self
@@ -114,16 +102,29 @@ class RunObserver:
 
     @property
     def views(self) -> Mapping[str, ViewResult]:
-        """What was reached so far, by folder."""
-        return dict(self._views)
+        """What was reached so far, by folder, in the order in which views were first observed."""
+        return {folder: view for folder, view in self._views.items() if view is not None}
+
+    @property
+    def unfinished(self) -> tuple[NotConverged, ...]:
+        """Compressions that did not converge, in the same order."""
+        return tuple(self._unfinished[name] for name in self._views if name in self._unfinished)
+
+    def on_progress(self, view: str, stage: str, row: np.void | None) -> None:
+        """Report a stage, or a row of the solver's history."""
+        with self._noting:
+            self._on_progress(view, stage, row)
 
     def of_run(self, stage: Callable[Arguments, Result], /) -> Callable[Arguments, Result]:
         """A stage of the whole run, observed."""
-        return self.of_view("")(stage)
+        return self._observing("")(stage)
 
     def of_view(self, folder: str) -> Observe:
         """Observes the stages of one view."""
+        self._views.setdefault(folder, None)
+        return self._observing(folder)
 
+    def _observing(self, folder: str) -> Observe:
         def observe(stage: Callable[Arguments, Result], /) -> Callable[Arguments, Result]:
             around: dict[str, Callable[..., Any]] = {
                 "make_phantom": self._phantom,
@@ -220,7 +221,7 @@ class RunObserver:
                         one, settings, breast, view, make, self._beside.hand_over
                     )
         except NotConverged as error:
-            self.unfinished.append(error)
+            self._unfinished[folder] = error
             compressed = error.reached
         except Interrupted as stop:
             if stop.reached is not None:
@@ -241,19 +242,21 @@ class RunObserver:
         """Have something written beside the stages that follow, and add its time to a stage's."""
 
         def note(seconds: float) -> None:
-            self._seconds[stage] += seconds
+            with self._noting:
+                self._seconds[stage] += seconds
 
         self._beside.hand_over(write, *arguments, note=note)
 
     @contextmanager
     def _timing(self, folder: str, stage: str) -> Iterator[None]:
         """Report a stage, once for all its functions, and add its time."""
-        if self._reported != (folder, stage):
-            self._reported = (folder, stage)
+        if self._reported.get(folder) != stage:
+            self._reported[folder] = stage
             self.on_progress(folder, stage, None)
         start = time.perf_counter()
         try:
             yield
         finally:
             name = f"{folder}.{stage}" if folder else stage
-            self._seconds[name] += time.perf_counter() - start
+            with self._noting:
+                self._seconds[name] += time.perf_counter() - start

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from functools import partial
 from typing import Unpack
 
 from mammosim._jit import one_blas_thread
@@ -25,6 +26,7 @@ from mammosim.pipeline.run.notebook_bar import notebook_bar
 from mammosim.pipeline.run.observer import Observe, RunObserver, unobserved
 from mammosim.pipeline.run.series_truth import SeriesTruth
 from mammosim.pipeline.run.shift_analysis import exam_results, with_ellipsoids
+from mammosim.pipeline.run.side_by_side import run_side_by_side, views_at_once
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 from mammosim.projection import project, project_arc
 from mammosim.reconstruction import reconstruct
@@ -69,26 +71,23 @@ def simulate(
     check_settings(config)
     with (
         notebook_bar(config, on_progress) as report,
-        RunObserver(config, output, report) as observer,
+        RunObserver(config, output, report, at_once := views_at_once(config)) as observer,
     ):
-        return _simulate(config, observer)
+        return _simulate(config, observer, at_once)
 
 
-def _simulate(config: RunConfig, observer: RunObserver) -> Study:
+def _simulate(config: RunConfig, observer: RunObserver, at_once: int) -> Study:
     """All breasts, all their views, and what follows from them together."""
     try:
         breasts = tuple(_make_breast(one, observer) for one in config.sides)
-        first_id = 1
+        tasks, first_id = [], 1
         for one, breast in zip(config.sides, breasts, strict=True):
             for view in one.resolved_views:
                 observe = observer.of_view(view.position(breast.laterality).folder)
-                if view.tomosynthesis:
-                    result = simulate_series(breast, view, one.seed, observe, first_id)
-                else:
-                    watch = observer.keep_draw
-                    result = simulate_view(breast, view, one.seed, observe, first_id, watch)
-                observer.keep(result)
+                task = partial(_make_view, breast, view, one.seed, observe, first_id, observer)
+                tasks.append(task)
             first_id += len(breast.lesions) + len(breast.landmarks) + 1  # the nipple
+        run_side_by_side(tasks, at_once)
         answers = observer.of_run(exam_results)(
             breasts, observer.views, config, observer.on_progress
         )
@@ -114,6 +113,22 @@ def _make_breast(config: RunConfig, observer: RunObserver) -> BreastPhantom:
     )
     check_compression(config, breast)
     return breast
+
+
+def _make_view(
+    breast: BreastPhantom,
+    view: ResolvedView,
+    seed: int,
+    observe: Observe,
+    first_id: int,
+    observer: RunObserver,
+) -> None:
+    """One view, which the observer keeps."""
+    if view.tomosynthesis:
+        result = simulate_series(breast, view, seed, observe, first_id)
+    else:
+        result = simulate_view(breast, view, seed, observe, first_id, observer.keep_draw)
+    observer.keep(result)
 
 
 def simulate_view(
