@@ -48,13 +48,13 @@ def test_an_inflated_balloon_has_the_pressure_of_a_neo_hookean_membrane():
         assert pressure == pytest.approx(expected, rel=0.03)  # areas are found 2 to 3 % small
 
 
-def flat(tension=2.0):
+def flat(tension=2.0, stiffening=0.0):
     """One patch of a membrane in the plane x = 1."""
     points = SurfacePoints(
         np.array([[1, 1, 1]], np.int32), np.full((1, 3), 0.5), np.ones(1),
         np.array([[1.0, 0.0, 0.0]]),
     )  # fmt: skip
-    return Membrane.of(points, np.ones(1, bool), tension)
+    return Membrane.of(points, np.ones(1, bool), tension, stiffening)
 
 
 @pytest.mark.parametrize("width", [0.5, 0.8, 0.95])
@@ -70,6 +70,20 @@ def test_a_wrinkled_sheet_pulls_as_a_strip_does(width):
     assert np.abs(force[0]).max() == np.abs(force[1]).max() == 0.0
     pull = force[2, :, :, 2].sum()
     assert pull == pytest.approx(tension * (stretch - stretch**-2))
+
+
+@pytest.mark.parametrize("stretch", [1.02, 1.3, 1.6])
+def test_a_sheet_that_stiffens_follows_yeohs_law(stretch):
+    # one way, sigma = mu (lambda - 1 / lambda^2) (1 + b I), I = lambda^2 + 2 / lambda - 3
+    tension, stiffening = 2.0, 6.0
+    u = linear((4, 4, 4), np.diag([1.0, stretch**-0.6, stretch]), (1.5,) * 3)
+    force = np.zeros_like(u)
+    energy = flat(tension, stiffening).add_forces(u, force)
+    size = stretch**2 + 2.0 / stretch - 3.0
+    assert energy == pytest.approx(0.5 * tension * (size + 0.5 * stiffening * size**2))
+    pull = force[2, :, :, 2].sum()
+    expected = tension * (stretch - stretch**-2) * (1.0 + stiffening * size)
+    assert pull == pytest.approx(expected)
 
 
 def test_a_slack_sheet_does_nothing():
@@ -91,7 +105,7 @@ def test_a_turned_sheet_has_no_energy():
     assert np.abs(force).max() < 1e-6
 
 
-def rough_patches(count=12, seed=0):
+def rough_patches(stiffening, count=12, seed=0):
     """Patches all over a small lattice, and a rough displacement that strains them all ways."""
     rng = np.random.default_rng(seed)
     normal = rng.standard_normal((count, 3))
@@ -100,7 +114,7 @@ def rough_patches(count=12, seed=0):
         rng.integers(1, 3, (count, 3)).astype(np.int32), rng.uniform(-0.3, 1.3, (count, 3)),
         rng.uniform(0.3, 1.0, count), normal,
     )  # fmt: skip
-    membrane = Membrane.of(points, np.ones(count, bool), 2.0)
+    membrane = Membrane.of(points, np.ones(count, bool), 2.0, stiffening)
     return membrane, 0.3 * rng.standard_normal((3, 5, 5, 5)), rng
 
 
@@ -114,8 +128,9 @@ def image(stencil, direction):
     return -out.astype(np.float64)
 
 
-def test_membrane_forces_are_those_of_the_plain_twin():
-    membrane, u, _ = rough_patches()
+@pytest.mark.parametrize("stiffening", [0.0, 6.0])
+def test_membrane_forces_are_those_of_the_plain_twin(stiffening):
+    membrane, u, _ = rough_patches(stiffening)
     force = np.zeros_like(u)
     energy = membrane.add_forces(u, force)
     states = naive.states(u, membrane)
@@ -126,8 +141,9 @@ def test_membrane_forces_are_those_of_the_plain_twin():
     assert np.abs(force - expected).max() < 1e-7 * np.abs(expected).max()
 
 
-def test_membrane_tangent_is_the_slope_of_its_forces_and_never_negative():
-    membrane, u, rng = rough_patches()
+@pytest.mark.parametrize("stiffening", [0.0, 6.0])
+def test_membrane_tangent_is_the_slope_of_its_forces_and_never_negative(stiffening):
+    membrane, u, rng = rough_patches(stiffening)
     stencil = np.zeros((5, 5, 126, 5), np.float32)
     membrane.add_tangent(u, stencil)
     for _ in range(5):

@@ -77,6 +77,11 @@ class SkinKeys(TypedDict, total=False):
     thickness_mm: float | None
     """Thickness, mm; default: that of the phantom's skin voxels, or else 1.55 mm."""
 
+    stiffening: float | None
+    """How skin stiffens with stretch: stretched one way by a factor l, it is 1 + stiffening (l^2 +
+    2 / l - 3) times as stiff as a neo-Hookean sheet. Default: 6 with the stiffness set
+    `aspiration`, whose modulus is one at small strain; else 0."""
+
 
 class FibreKeys(TypedDict, total=False):
     """Keys of `FibreSettings`."""

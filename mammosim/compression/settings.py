@@ -10,6 +10,7 @@ from mammosim.compression.model import MODELS, compressing_models
 from mammosim.config import MAX_FORCE_N, MAX_LENGTH_MM, Coordinate, Settings
 from mammosim.tissues import (
     SKIN_SHEETS,
+    SKIN_STIFFENING,
     STIFFNESS_SETS,
     TISSUES,
     Moduli,
@@ -78,6 +79,11 @@ class SkinSettings(Settings):
 
     thickness_mm: float | None = Field(default=None, ge=0.1, le=10)
     """Thickness, mm; default: that of the phantom's skin voxels, or else 1.55 mm."""
+
+    stiffening: float | None = Field(default=None, ge=0, le=100)
+    """How skin stiffens with stretch: stretched one way by a factor l, it is 1 + stiffening (l^2 +
+    2 / l - 3) times as stiff as a neo-Hookean sheet. Default: 6 with the stiffness set
+    `aspiration`, whose modulus is one at small strain; else 0."""
 
 
 class FibreSettings(Settings):
@@ -287,7 +293,12 @@ class CompressionSettings(Settings):
             return None
         young = self.stiffness_kpa.get("skin", young or SKIN_SHEETS["krouskop"])
         skin = self.skin or SkinSettings()
-        return SkinSheet(young if skin.young_kpa is None else skin.young_kpa, skin.thickness_mm)
+        if skin.young_kpa is not None:
+            young = skin.young_kpa
+        stiffening = skin.stiffening
+        if stiffening is None:
+            stiffening = SKIN_STIFFENING.get(self.stiffness, 0.0)
+        return SkinSheet(young, skin.thickness_mm, stiffening)
 
     @property
     def spot(self) -> bool:

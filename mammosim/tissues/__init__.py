@@ -20,6 +20,7 @@ from mammosim.tissues.materials import (
 from mammosim.tissues.table import (
     LESION_LABELS,
     SKIN_SHEETS,
+    SKIN_STIFFENING,
     SKIN_THICKNESS_MM,
     STIFFNESS_SETS,
     TISSUES,
@@ -40,6 +41,7 @@ __all__ = [
     "LESION_LABELS",
     "MATERIAL_NAMES",
     "SKIN_SHEETS",
+    "SKIN_STIFFENING",
     "SKIN_THICKNESS_MM",
     "STIFFNESS_SETS",
     "TISSUES",

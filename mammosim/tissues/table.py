@@ -124,6 +124,9 @@ SKIN_THICKNESS_MM: float = _TABLE["skin_thickness_mm"]
 SKIN_SHEETS: MappingProxyType[str, float] = MappingProxyType(_TABLE["skin_sheet_kpa"])
 """Young's modulus, kPa, of skin as a thin sheet, in each stiffness set that has it so."""
 
+SKIN_STIFFENING: MappingProxyType[str, float] = MappingProxyType(_TABLE["skin_sheet_stiffening"])
+"""How skin as a thin sheet stiffens with stretch, in each stiffness set in which it does."""
+
 
 @dataclass(frozen=True)
 class SkinSheet:
@@ -135,10 +138,13 @@ class SkinSheet:
         Young's modulus, kPa.
     thickness_mm : float or None
         None: as the phantom shows it, else `SKIN_THICKNESS_MM`.
+    stiffening : float
+        b of the energy ``young_kpa / 6 (I + b I^2 / 2)``, I being that of the neo-Hookean law.
     """
 
     young_kpa: float
     thickness_mm: float | None = None
+    stiffening: float = 0.0
 
 
 @dataclass(frozen=True)

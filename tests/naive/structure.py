@@ -20,11 +20,15 @@ def gradients(u, membrane):
     return np.array(out)
 
 
-def sheet_energy(longer, wider):
-    """(l1^2 + l2^2 + 1 / (l1 l2)^2 - 3) / 2 of the width that costs least and is not exceeded."""
+def sheet_energy(longer, wider, stiffening=0.0):
+    """(I + b I^2 / 2) / 2 of the width that costs least and is not exceeded.
+
+    I = l1^2 + l2^2 + 1 / (l1 l2)^2 - 3.
+    """
 
     def taut(first, second):
-        return 0.5 * (first**2 + second**2 + 1.0 / (first * second) ** 2 - 3.0)
+        size = first**2 + second**2 + 1.0 / (first * second) ** 2 - 3.0
+        return 0.5 * (size + 0.5 * stiffening * size**2)
 
     if longer <= 1.0:
         return 0.0
@@ -52,7 +56,7 @@ def states(u, membrane):
 def membrane_energy(u, membrane):
     """Energy of all patches."""
     return sum(
-        stiffness * sheet_energy(*stretches(gradient))
+        stiffness * sheet_energy(*stretches(gradient), membrane.stiffening)
         for stiffness, gradient in zip(membrane.stiffness, gradients(u, membrane), strict=True)
     )
 

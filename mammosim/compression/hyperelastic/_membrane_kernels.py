@@ -5,8 +5,10 @@ shape function of its element's node a along two orthogonal tangents of the surf
 membrane's deformation gradient is ``F = tangents + sum_a u_a gradients[n, a]``, 3 x 2, its columns
 f and g. Lengths are in lattice units; ``stiffness[n]`` is shear modulus times thickness times area.
 
-The energy is the relaxed one of a neo-Hookean membrane (Pipkin 1986, IMA J Appl Math 36:85-99):
-zero where the membrane is slack, that of uniaxial tension where it wrinkles. It is convex in F.
+The energy is ``stiffness / 2 (I + stiffening I^2 / 2)``, where I is that of a relaxed neo-Hookean
+membrane (Pipkin 1986, IMA J Appl Math 36:85-99): zero where it is slack, that of uniaxial tension
+where it wrinkles, ``|F|^2 + 1 / det C - 3`` where it is taut. I is convex in F, and so is the
+energy.
 """
 
 import numpy as np
@@ -70,8 +72,21 @@ def _direction(ff, fg, gg, larger):
     return x / size, y / size
 
 
+@inlined_kernel
+def _stretched(state, ff, fg, gg, larger):
+    """I of a membrane that is not slack, and half its derivative by C: ``own_f, both, own_g``."""
+    if state == TAUT:
+        inverse = 1.0 / (ff * gg - fg * fg)
+        square = inverse * inverse
+        return ff + gg + inverse - 3.0, 1.0 - square * gg, square * fg, 1.0 - square * ff
+    root = 1.0 / np.sqrt(larger)
+    c, s = _direction(ff, fg, gg, larger)
+    pull = 1.0 - root * root * root
+    return larger + 2.0 * root - 3.0, pull * c * c, pull * c * s, pull * s * s
+
+
 @contracting_kernel
-def membrane_forces(u, cells, gradients, tangents, stiffness, out_force):
+def membrane_forces(u, cells, gradients, tangents, stiffness, stiffening, out_force):
     """Add the energy's derivative by each node's displacement to `out_force`; the energy."""
     energy = 0.0
     for n in range(cells.shape[0]):
@@ -80,22 +95,14 @@ def membrane_forces(u, cells, gradients, tangents, stiffness, out_force):
         state = _state(larger, smaller)
         if state == SLACK:
             continue
-        if state == TAUT:
-            inverse = 1.0 / (ff * gg - fg * fg)
-            energy += 0.5 * stiffness[n] * (ff + gg + inverse - 3.0)
-            square = inverse * inverse
-            own_f, both, own_g = 1.0 - square * gg, square * fg, 1.0 - square * ff
-        else:
-            root = 1.0 / np.sqrt(larger)
-            energy += 0.5 * stiffness[n] * (larger + 2.0 * root - 3.0)
-            c, s = _direction(ff, fg, gg, larger)
-            pull = 1.0 - root * root * root
-            own_f, both, own_g = pull * c * c, pull * c * s, pull * s * s
+        size, own_f, both, own_g = _stretched(state, ff, fg, gg, larger)
+        energy += 0.5 * stiffness[n] * size * (1.0 + 0.5 * stiffening * size)
+        tension = stiffness[n] * (1.0 + stiffening * size)
         for node in range(8):
             i, j = cells[n, 0] + node // 4, cells[n, 1] + (node // 2) % 2
             k, a, b = cells[n, 2] + node % 2, gradients[n, node, 0], gradients[n, node, 1]
-            along_f = stiffness[n] * (own_f * a + both * b)
-            along_g = stiffness[n] * (both * a + own_g * b)
+            along_f = tension * (own_f * a + both * b)
+            along_g = tension * (both * a + own_g * b)
             for d in range(3):
                 out_force[d, i, j, k] += along_f * f[d] + along_g * g[d]
     return energy
@@ -103,9 +110,10 @@ def membrane_forces(u, cells, gradients, tangents, stiffness, out_force):
 
 @inlined_kernel
 def _taut_blocks(f, g, ff, fg, gg, out):
-    """Second derivative of a taut membrane's energy by its columns.
+    """Half the second derivative of I by the columns of a taut membrane.
 
-    With D = det C: ``W = (|f|^2 + |g|^2 + 1 / D) / 2``, ``W'' = 1 + D'D'^T / D^3 - D'' / (2 D^2)``.
+    With D = det C: ``I = |f|^2 + |g|^2 + 1 / D - 3``, and ``I'' / 2 = 1 + D'D'^T / D^3 - D'' / (2
+    D^2)``.
     """
     inverse = 1.0 / (ff * gg - fg * fg)
     p, q = inverse * inverse * inverse, inverse * inverse
@@ -121,7 +129,7 @@ def _taut_blocks(f, g, ff, fg, gg, out):
 
 @inlined_kernel
 def _wrinkled_blocks(f, g, ff, fg, gg, larger, smaller, out):
-    """Second derivative of a wrinkled membrane's energy, ``(L + 2 / sqrt(L) - 3) / 2``.
+    """Half the second derivative of a wrinkled membrane's ``I = L + 2 / sqrt(L) - 3``.
 
     Along its eigenvectors v and w, L = |F v|^2 has the derivatives 2 Fv and, beside that of |F v|^2
     at fixed v, the turning of v: 2 (v^T dC w)^2 / (L - S).
@@ -142,8 +150,21 @@ def _wrinkled_blocks(f, g, ff, fg, gg, larger, smaller, out):
             out[2, r, e] = s * s * vv + c * s * (vw + wv) + c * c * ww
 
 
+@inlined_kernel
+def _stiffen(f, g, size, own_f, both, own_g, stiffening, out):
+    """From ``I'' / 2`` to the energy's second derivative, ``(1 + b I) I'' / 2 + b I'I'^T / 2``."""
+    factor, twice = 1.0 + stiffening * size, 2.0 * stiffening
+    for r in range(3):
+        along_f, along_g = own_f * f[r] + both * g[r], both * f[r] + own_g * g[r]
+        for c in range(3):
+            ahead_f, ahead_g = own_f * f[c] + both * g[c], both * f[c] + own_g * g[c]
+            out[0, r, c] = factor * out[0, r, c] + twice * along_f * ahead_f
+            out[1, r, c] = factor * out[1, r, c] + twice * along_f * ahead_g
+            out[2, r, c] = factor * out[2, r, c] + twice * along_g * ahead_g
+
+
 @contracting_kernel
-def add_membrane_stiffness(u, cells, gradients, tangents, stiffness, out_stencil):
+def add_membrane_stiffness(u, cells, gradients, tangents, stiffness, stiffening, out_stencil):
     """Add the second derivative of the energy to a block stencil."""
     blocks = np.empty((3, 3, 3))
     for n in range(cells.shape[0]):
@@ -156,6 +177,7 @@ def add_membrane_stiffness(u, cells, gradients, tangents, stiffness, out_stencil
             _taut_blocks(f, g, ff, fg, gg, blocks)
         else:
             _wrinkled_blocks(f, g, ff, fg, gg, larger, smaller, blocks)
+        _stiffen(f, g, *_stretched(state, ff, fg, gg, larger), stiffening, blocks)
         for node in range(8):
             i, j = cells[n, 0] + node // 4, cells[n, 1] + (node // 2) % 2
             k, a, b = cells[n, 2] + node % 2, gradients[n, node, 0], gradients[n, node, 1]

@@ -137,7 +137,7 @@ class Body:
         parts = list[Part]()
         if skin is not None:
             points, tension = SurfacePoints.of(self.fraction, self.free), skin.tension
-            parts.append(Membrane.of(points, skin.covers(points), tension))
+            parts.append(Membrane.of(points, skin.covers(points), tension, skin.stiffening))
         parts.append(SurfaceCells.of(self.active, self.shear, tension))
         if self.structure.fascia > 0.0:
             border = self.structure.border(self.active)

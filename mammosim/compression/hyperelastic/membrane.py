@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,22 +27,32 @@ class Membrane:
         Orthogonal unit tangents of the surface at rest.
     stiffness : ndarray, (n,)
         Shear modulus (kPa) times thickness times area.
+    stiffening : float
+        b of the energy ``mu / 2 (I + b I^2 / 2)``, I being that of the neo-Hookean law.
 
     Notes
     -----
     The elements' displacement on their cut surface deforms the membrane; it has no nodes of its own
     (Cenanovic, Hansbo & Larson 2016, Comput Methods Appl Mech Eng 310:98-111). It is an
-    incompressible neo-Hookean sheet that carries tension only: it wrinkles at no cost, and has no
-    stiffness in bending.
+    incompressible sheet that carries tension only: it wrinkles at no cost, and has no stiffness in
+    bending. The first two terms of Yeoh's law (1993, Rubber Chem Technol 66:754-771) let it stiffen
+    with stretch; with one it is neo-Hookean.
     """
 
     cells: NDArray[np.int32]
     gradients: NDArray[np.float64]
     tangents: NDArray[np.float64]
     stiffness: NDArray[np.float64]
+    stiffening: float = 0.0
 
     @classmethod
-    def of(cls, points: SurfacePoints, covered: NDArray[np.bool_], tension: float) -> Membrane:
+    def of(
+        cls,
+        points: SurfacePoints,
+        covered: NDArray[np.bool_],
+        tension: float,
+        stiffening: float = 0.0,
+    ) -> Membrane:
         """Membrane on those points of a surface that skin covers.
 
         Parameters
@@ -50,20 +61,26 @@ class Membrane:
         covered : ndarray of bool, (n,)
         tension : float
             Shear modulus times thickness, kPa times an element's edge.
+        stiffening : float
+            As the class takes it.
         """
         tangents = _tangents(points.normal[covered])
         gradients = _shape_gradients(points.local[covered]) @ tangents.transpose(0, 2, 1)
-        return cls(points.cells[covered], gradients, tangents, tension * points.area[covered])
+        stiffness = tension * points.area[covered]
+        return cls(points.cells[covered], gradients, tangents, stiffness, stiffening)
 
     def add_forces(self, u: NDArray[np.float64], force: NDArray[np.float64]) -> float:
         """Add the energy's derivative by each node's displacement to `force`; the energy."""
-        parts = (self.cells, self.gradients, self.tangents, self.stiffness)
-        return float(kernels.membrane_forces(u, *parts, force))
+        return float(kernels.membrane_forces(u, *self._parts, force))
 
     def add_tangent(self, u: NDArray[np.float64], stencil: NDArray[np.float32]) -> None:
         """Add the second derivative of the energy, which is never negative, to a block stencil."""
-        parts = (self.cells, self.gradients, self.tangents, self.stiffness)
-        kernels.add_membrane_stiffness(u, *parts, stencil)
+        kernels.add_membrane_stiffness(u, *self._parts, stencil)
+
+    @property
+    def _parts(self) -> tuple[Any, ...]:
+        """What kernels take."""
+        return self.cells, self.gradients, self.tangents, self.stiffness, self.stiffening
 
 
 def _tangents(normal: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -179,7 +179,7 @@ def _skin(
     """Skin of a body; its thickness is measured where it is left open and voxels show it."""
     part, edge = tissue_part(breast, view, blocks, "skin"), float(blocks.spacing_mm[0])
     usual = SKIN_THICKNESS_MM if sheet.thickness_mm is None else sheet.thickness_mm
-    skin = Skin(part, sheet.young_kpa / 3.0, usual / edge)
+    skin = Skin(part, sheet.young_kpa / 3.0, usual / edge, sheet.stiffening)
     if sheet.thickness_mm is not None:
         return skin
     points = SurfacePoints.of(body.fraction, body.free)

@@ -30,11 +30,14 @@ class Skin:
         Shear modulus, a third of Young's modulus, kPa.
     thickness : float
         Element edges.
+    stiffening : float
+        See `Membrane`.
     """
 
     fraction: NDArray[np.float32]
     shear_kpa: float
     thickness: float
+    stiffening: float = 0.0
 
     @property
     def tension(self) -> float:
