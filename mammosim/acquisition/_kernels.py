@@ -27,6 +27,11 @@ MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.34, 0.32
 # clinical images fibres of muscle, and strands before it, are seen as well as those in fat.
 EVEN_SHOULDER_SLOPE = 0.75
 
+# Fine ones, in which grain is, lose theirs sooner, as the square of the curve's slope, down to this
+# part: on clinical images grain (0.1 to 0.2 mm) is no stronger in muscle than in fat (1.0 to 1.2
+# times, three images), although fewer photons pass.
+FINE_SHOULDER_SLOPE = 0.40
+
 # Slope of the toe below which details are not raised any further.
 FLATTEST_TOE = 0.05
 
@@ -327,8 +332,9 @@ def present_kernel(
             kept = max(MIN_TOE_SLOPE / on_toe, 1.0)
             raised = straight + slope * (level - smooth - wide - fine + kept * enhanced)
             shown += on_shoulder * (_on_toe(raised, curve.toe) - _on_toe(straight, curve.toe))
-            lost = max(EVEN_SHOULDER_SLOPE - on_shoulder, 0.0) * away
-            shown += lost * slope * enhanced
+            lost = max(EVEN_SHOULDER_SLOPE - on_shoulder, 0.0) * away * curve.wide_gain * wide
+            lost += (max(on_shoulder**2, FINE_SHOULDER_SLOPE) - on_shoulder) * fine_gain * fine
+            shown += slope * lost
             shown = _bent(max(shown, 0.0), 0.0, FINAL_SHOULDER, 1.0)
             below = raised - curve.fat_grey + AIR_BELOW_FAT
             if below < 0.0:

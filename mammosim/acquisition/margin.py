@@ -103,6 +103,11 @@ the skin line's ramp up to which this is done in full and beyond which not at al
 images skin is about as bright as gland, in dense breasts too: their filters bring out what stands
 against the black of air. Set by eye."""
 
+NIPPLE_GAIN_REACH_MM = (1.0, 4.0)
+"""Up to the first distance from a nipple in profile this is done in full as well, beyond the second
+not at all: on clinical images a nipple is evenly as bright as the skin line beside it, or brighter
+(three women), with no darker middle and no line across its base. Set by eye."""
+
 LIFT, LIFT_MM = 0.65, 4.5
 """Part of what is missing up to the level of gland that is added at the margin's edge, that of a
 nipple included, and the depth at which this has fallen to half. On clinical images fat brightens
@@ -189,7 +194,13 @@ def raised_edge(equalized: F64, margin: Margin, rise: F64, fat: float, contrast:
     depth_mm = _outline_depth_mm(margin)
     missing = 1.0 - np.clip((equalized - fat) / contrast, 0.0, 1.0)
     left = missing * (1.0 - LIFT / (1.0 + np.square(np.maximum(depth_mm, 0.0) / LIFT_MM)))
-    left **= 1.0 + EDGE_GAIN * contrast * smooth_step((far - rise) / (far - near))
+    edge = smooth_step((far - rise) / (far - near))
+    nipple = margin.breast & ~margin.body
+    if nipple.any():
+        near, far = NIPPLE_GAIN_REACH_MM
+        from_nipple = distance_to(nipple) * margin.cell_mm
+        edge = np.maximum(edge, smooth_step((far - from_nipple) / (far - near)))
+    left **= 1.0 + EDGE_GAIN * contrast * edge
     return contrast * (missing - left)
 
 

@@ -121,15 +121,19 @@ def grey(attenuation, missing, rise, base, middle, even, curve):
     strength = np.abs(weak).sum() / 0.12
     weak *= inner * np.tanh(strength) / strength
     strong = level - base - weak.sum()
-    enhanced = (curve.wide_gain, 1.0 + (curve.fine_gain - 1.0) * (0.5 + 0.5 * even)) @ weak
+    weak *= (curve.wide_gain, 1.0 + (curve.fine_gain - 1.0) * (0.5 + 0.5 * even))
+    enhanced = weak.sum()
     # where the toe is flatter than 0.34, weak detail is raised to that slope, by 20 at most
     toe_slope = np.clip(below / curve.toe, 0.05, 1.0)
     raised = straight + slope * (strong + max(0.34 / toe_slope, 1.0) * enhanced)
-    # the derivative of the shoulder, no less than 0.32, but 0.75 for weak detail away from steps
+    # the derivative of the shoulder, no less than 0.32; but for weak detail 0.75 away from steps if
+    # it is wide, and if it is fine the square, no less than 0.4
     left = (curve.white - below) / (curve.white - curve.shoulder)
     shoulder_slope = np.clip(left**2, 0.32, 1.0)
     shown = below + shoulder_slope * (with_toe(raised) - with_toe(straight))
-    shown += max(0.75 - shoulder_slope, 0.0) * even * slope * enhanced
+    wide = max(0.75 - shoulder_slope, 0.0) * even
+    fine = max(shoulder_slope**2, 0.4) - shoulder_slope
+    shown += slope * (np.array([wide, fine]) @ weak)
     shown = bent(max(shown, 0.0), 0.0, 0.85, 1.0)
     return part * shown * min(1.0, np.exp((raised - (curve.fat_grey - 0.4)) / 0.1))
 
