@@ -96,17 +96,18 @@ PLATEAU_QUANTILE = 0.05
 MAX_GLAND = 1.0
 """The darkest of what is that deep holds no more gland than this (ln): 4 cm."""
 
-EDGE_GAIN, EDGE_GAIN_REACH = 2.0, (1.0, 1.4)
-"""What is missing from skin and nipple up to the level of gland, as part of gland's contrast, is
-taken to the power of 1 and this much more for each unit (ln) of that contrast; and the places on
-the skin line's ramp up to which this is done in full and beyond which not at all. On clinical
-images skin is about as bright as gland, in dense breasts too: their filters bring out what stands
-against the black of air. Set by eye."""
+EDGE_GAIN, EDGE_TOP, EDGE_REACH = 0.85, 2.0, (1.0, 1.4)
+"""Skin and nipple on the level of fat are raised by the first part of gland's contrast, and those
+with the second part of it not at all, linear between, so that differences along the outline stay;
+and the places on the skin line's ramp up to which this is done in full and beyond which not at all.
+On clinical images skin is about as bright as gland, in dense breasts too: their filters bring out
+what stands against the black of air. Set by eye."""
 
-NIPPLE_GAIN_REACH_MM = (1.0, 4.0)
-"""Up to the first distance from a nipple in profile this is done in full as well, beyond the second
-not at all: on clinical images a nipple is evenly as bright as the skin line beside it, or brighter
-(three women), with no darker middle and no line across its base. Set by eye."""
+NIPPLE_LIFT, NIPPLE_REACHED_MM = 0.9, (1.0, 4.0)
+"""Part of what is missing up to the level of gland that is added to a nipple in profile instead;
+and the distances from it up to which this is done in full and beyond which not at all: on clinical
+images a nipple is evenly as bright as the skin line beside it, or brighter (three women), with no
+darker middle and no line across its base. Set by eye."""
 
 LIFT, LIFT_MM = 0.65, 4.5
 """Part of what is missing up to the level of gland that is added at the margin's edge, that of a
@@ -187,21 +188,23 @@ def raised_edge(equalized: F64, margin: Margin, rise: F64, fat: float, contrast:
     Returns
     -------
     ndarray of float64, [row, column]
-        Part of what is missing up to the level of gland, so that more attenuation stays brighter;
-        nothing for what reaches it.
+        Part of what is missing up to the level of gland, or for skin and nipple to above it, so
+        that more attenuation stays brighter.
     """
-    near, far = EDGE_GAIN_REACH
+    near, far = EDGE_REACH
     depth_mm = _outline_depth_mm(margin)
-    missing = 1.0 - np.clip((equalized - fat) / contrast, 0.0, 1.0)
-    left = missing * (1.0 - LIFT / (1.0 + np.square(np.maximum(depth_mm, 0.0) / LIFT_MM)))
+    level = (equalized - fat) / contrast
+    lift = LIFT / (1.0 + np.square(np.maximum(depth_mm, 0.0) / LIFT_MM))
     edge = smooth_step((far - rise) / (far - near))
     nipple = margin.breast & ~margin.body
     if nipple.any():
-        near, far = NIPPLE_GAIN_REACH_MM
-        from_nipple = distance_to(nipple) * margin.cell_mm
-        edge = np.maximum(edge, smooth_step((far - from_nipple) / (far - near)))
-    left **= 1.0 + EDGE_GAIN * contrast * edge
-    return contrast * (missing - left)
+        near, far = NIPPLE_REACHED_MM
+        close = smooth_step((far - distance_to(nipple) * margin.cell_mm) / (far - near))
+        lift += close * (NIPPLE_LIFT - lift)
+        edge *= 1.0 - close
+    lifted = lift * (1.0 - np.clip(level, 0.0, 1.0))
+    raised = EDGE_GAIN * (1.0 - np.clip(level / EDGE_TOP, 0.0, 1.0))
+    return contrast * (lifted + edge * np.maximum(raised - lifted, 0.0))
 
 
 def _outline_depth_mm(margin: Margin) -> F64:
