@@ -87,8 +87,6 @@ class State:
     converged : bool
     interrupted : bool
         Whether the user stopped it.
-    blunt : ndarray, [3, x, y, z], optional
-        Displacement between the same plates with a blunt edge, from which it was found.
     grip : Grip, optional
         How the plates hold the surface by friction; None: it glides freely.
     """
@@ -98,7 +96,6 @@ class State:
     last: Step
     converged: bool
     interrupted: bool = False
-    blunt: NDArray[np.float64] | None = None
     grip: Grip | None = None
 
 

@@ -30,10 +30,6 @@ MIN_NODES = 300
 LOOSE = 0.02
 """Mean error, element edges, at which the state of a coarse body is good enough to refine."""
 
-LEADING = 0.05, 1.0
-"""Mean and largest error, element edges, at which the state between blunt edges may lead to that
-between sharp ones, which moves single nodes by more than an edge."""
-
 CLOSING_TOLERANCE = 0.05
 """Mean error, element edges, that is good enough while the plates still close."""
 
@@ -53,16 +49,17 @@ EDGE_REACH = 4.0
 points an element: it is stretched around the edge there, and would cut through it between points
 that are too far apart."""
 
-SHARP, BLUNT = 1.0, 2.0
-"""Smallest radius of the plates' edge, in element edges, and that with which an equilibrium is
-sought first. Round a sharper one the surface passes element by element, each held back by the edge:
-there are then many equilibria, and the way of the plates decides on one."""
+ROUNDED = 2.0
+"""Smallest radius of the plates' edge, in element edges. Round a sharper one the surface passes
+element by element, each held back by the edge: there are then many equilibria, and the way of the
+plates decides on one."""
 
 INCREMENT = 0.06
 """Part of the breast's height by which the plates close at a time, at first."""
 
 SMALLEST_INCREMENT = INCREMENT / 32.0
 """Five halvings of the first; a step that fails even then is taken as not converging."""
+
 
 HISTORY = np.dtype(
     [
@@ -154,14 +151,10 @@ class Stages:
         corner, edge = self._frame(level)
         return (x_mm - corner[0]) / edge
 
-    def _blunted(self, plates: Plates, level: int) -> Plates:
-        """Plates with an edge that the surface of one of the bodies passes without a catch."""
-        return replace(plates, radius_mm=max(plates.radius_mm, BLUNT * self._frame(level)[1]))
-
     def contact(self, level: int, plates: Plates) -> Contact:
         """The surface of one of the bodies between plates, whose edge is as sharp as it can be."""
         corner, edge = self._frame(level)
-        plates = replace(plates, radius_mm=max(plates.radius_mm, SHARP * edge))
+        plates = replace(plates, radius_mm=max(plates.radius_mm, ROUNDED * edge))
         return Contact(self.points[level], plates.solids(corner, edge), PENALTY * self._softness)
 
     def compress(self, plates: Plates, finest: int = 0, start: State | None = None) -> State:
@@ -181,57 +174,37 @@ class Stages:
         state = start or self._close(last, plates)
         for level in range(first, finest - 1, -1):
             u = interpolated(state.u, self.bodies[level + 1], self.bodies[level])
-            moved = replace(state, u=u, grip=self._refined(state.grip, level), blunt=None)
+            moved = replace(state, u=u, grip=self._refined(state.grip, level))
             state = moved if state.interrupted else self.settle(plates, moved, level)
         return state
 
     def settle(self, plates: Plates, start: State, level: int = 0) -> State:
-        """State of one of the bodies between plates, from one near it, on which it hardly depends.
-
-        It is sought between plates with a blunt edge, which is then sharpened; from the state that
-        was found there between other plates, if there is one.
-        """
-        self._workspace.eigenvalues.clear()  # so that a state follows from its start alone
-        blunt = self._blunted(plates, level)
-        if blunt == plates:
-            return self._led(plates, start, level)
-        u = start.u if start.blunt is None else start.blunt
-        leading = self._led(blunt, replace(start, u=u), level, loose=True)
-        if leading.interrupted:
-            return leading
-        kept = None if self.friction else leading.u  # friction depends on the path
-        return replace(self._led(plates, leading, level), blunt=kept)
-
-    def _led(self, plates: Plates, start: State, level: int, loose: bool = False) -> State:
         """State of one of the bodies between plates, from one near it.
 
         Elements that are folded at the start are smoothed away or, where that does not lead to an
         equilibrium, unfolded by a softened body.
         """
+        self._workspace.eigenvalues.clear()  # so that a state follows from its start alone
         body, held = self.bodies[level], Held(start.u, start.grip)
         if body.energy_and_forces(start.u)[1] >= FOLDED:
-            return self._finish(level, plates, start.u, held, loose)
+            return self._finish(level, plates, start.u, held)
         u = smoothed_folds(body, start.u, UNFOLDED)
         if body.energy_and_forces(u)[1] >= FOLDED:
-            state = self._finish(level, plates, u, held, loose)
+            state = self._finish(level, plates, u, held)
             if state.converged or state.interrupted:
                 return state
         local, least = UNFOLDING
         softened = replace(body, local_part=local, least_volume=least)
         contact, gap_mm, u = self.contact(level, plates), plates.thickness_mm, start.u
         state = self._minimise(softened, level, contact, gap_mm, u, CLOSING_TOLERANCE, UNFOLDED)
-        return state if state.interrupted else self._finish(level, plates, state.u, held, loose)
+        return state if state.interrupted else self._finish(level, plates, state.u, held)
 
-    def _finish(
-        self, level: int, plates: Plates, u: NDArray[np.float64], before: Held, loose: bool
-    ) -> State:
-        """State of one of the bodies from a displacement near it; `loose`: to start others from.
+    def _finish(self, level: int, plates: Plates, u: NDArray[np.float64], before: Held) -> State:
+        """State of one of the bodies from a displacement near it.
 
         Where folded elements do not unfold against the barrier of the mesh, they first do without.
         """
         body = self.bodies[level]
-        if loose:
-            return self._equilibrium(body, level, plates, u, LEADING[0], before, LEADING[1])
         if level > 0:
             return self._equilibrium(body, level, plates, u, LOOSE, before)
         steep = replace(body, least_volume=STEEP)
@@ -261,15 +234,11 @@ class Stages:
         return weightless
 
     def _close(self, level: int, plates: Plates) -> State:
-        """State of a body between plates that close from where they touch it, step by step.
-
-        They do so with a blunt edge, which is then sharpened.
-        """
+        """State of a body between plates that close from where they touch it, step by step."""
         self._workspace.eigenvalues.clear()  # so that a state follows from its start alone
         u = np.zeros((3, *self.bodies[level].nodes.shape))
         before, done, gone = u, 0.0, 0.0
-        blunt = self._blunted(plates, level)
-        open_plates = self._touching(level, blunt)
+        open_plates = self._touching(level, plates)
         held = Held(
             u, Grip.none(open_plates, len(self.points[level].area)) if self.friction else None
         )
@@ -277,11 +246,11 @@ class Stages:
         increment = INCREMENT * open_plates.thickness_mm / max(closing, 1e-9)
         while True:
             part = min(1.0, done + increment)
-            between = open_plates.closing_to(blunt, part)
+            between = open_plates.closing_to(plates, part)
             ahead = (part - done) / (done - gone) if done > gone else 0.0
             guess = u + ahead * (u - before)
             if part == 1.0:
-                state = self._finish(level, between, guess, held, loose=True)
+                state = self._finish(level, between, guess, held)
             else:
                 body = self.bodies[level]
                 state = self._equilibrium(body, level, between, guess, CLOSING_TOLERANCE, held)
@@ -291,7 +260,7 @@ class Stages:
                 before, u, gone, done = u, state.u, done, part
                 held = Held(u, state.grip)
                 if done == 1.0:
-                    return self._led(plates, state, level)
+                    return state
             elif increment * closing < SMALLEST_INCREMENT * open_plates.thickness_mm:
                 return state
             else:
@@ -331,12 +300,11 @@ class Stages:
         u: NDArray[np.float64],
         tolerance: float,
         before: Held,
-        largest: float | None = None,
     ) -> State:
         """State of one of the bodies from a displacement near it, with friction if there is any."""
 
         def minimised(u: NDArray[np.float64], contact: Contact) -> State:
-            return self._minimise(body, level, contact, gap_mm, u, tolerance, largest=largest)
+            return self._minimise(body, level, contact, gap_mm, u, tolerance)
 
         contact, gap_mm = self.contact(level, plates), plates.thickness_mm
         if before.grip is None:
@@ -365,7 +333,6 @@ class Stages:
         u: NDArray[np.float64],
         tolerance: float,
         unfolded: float = np.inf,
-        largest: float | None = None,
     ) -> State:
         edge = 2.0**level * float(self.mesh.nodes.spacing_mm[0])
 
@@ -381,7 +348,7 @@ class Stages:
                 self._watch(row[0])
 
         return minimise(
-            body, contact, u, tolerance, self._workspace, largest, watch=watch, unfolded=unfolded
+            body, contact, u, tolerance, self._workspace, watch=watch, unfolded=unfolded
         )
 
 

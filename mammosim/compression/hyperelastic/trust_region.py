@@ -106,7 +106,6 @@ def minimise(
     u: NDArray[np.float64],
     tolerance: float,
     workspace: Workspace,
-    largest: float | None = None,
     max_steps: int = MAX_STEPS,
     watch: Callable[[Step], None] | None = None,
     unfolded: float = np.inf,
@@ -120,10 +119,9 @@ def minimise(
     u : ndarray, [3, x, y, z]
         Displacement to start from, lattice units.
     tolerance : float
-        Stop where the nodes' estimated mean distance from equilibrium is below this, lattice units.
+        Stop where the nodes' estimated mean distance from equilibrium is below this, lattice units,
+        and the largest is below `LARGEST_TO_MEAN` times this.
     workspace : Workspace
-    largest : float, optional
-        The same of the largest; default: `LARGEST_TO_MEAN` times `tolerance`.
     max_steps : int
     watch : callable, optional
         Called with each step.
@@ -144,7 +142,6 @@ def minimise(
     along which no negative curvature was met.
     """
     search = _Search(workspace)
-    largest = LARGEST_TO_MEAN * tolerance if largest is None else largest
     value, error, cycles, length = evaluate(body, contact, u), (np.inf, np.inf), 0, 1.0
     done = interrupted = False
     for number in range(max_steps + 1):
@@ -162,7 +159,7 @@ def minimise(
             interrupted = True
             break
         error = _error(model, trial, search)
-        done = error[0] <= tolerance and error[1] <= largest
+        done = error[0] <= tolerance and error[1] <= LARGEST_TO_MEAN * tolerance
         _learn(model, trial, search)
         u, value, length, cycles = trial.u, trial.value, trial.length, model.iterations
     return State(u, value, step, done, interrupted)
