@@ -222,13 +222,17 @@ def test_friction_holds_the_surface(usual):
 
 
 def test_friction_resists_between_plates_that_stay_where_they_are():
-    """At heights that are given: those that are sought balance to 4 %, which hides it."""
+    """At heights that are given: those that are sought balance to 4 %, which hides it.
+
+    Without an edge, round which the skin is drawn: with it friction adds 7 to 11 %, by its rounding.
+    """
     keys = {**KEYS, "thickness_mm": None, "support_z_mm": -17.5, "paddle_z_mm": 17.5}
+    keys["plate_edge_mm"] = -1e3
     loads = []
     for friction in (0.0, 0.5):
         found = mammosim.compress(skinned(3.0), "CC", friction=friction, **keys)
         loads.append(found.force_n + found.measures["support_force_n"])
-    # 4.1 % here; 3.0 % at 45 mm, where the layer that the plates hold is thicker than it is wide.
+    # 4.8 % here.
     assert 1.03 < loads[1] / loads[0] < 1.1
 
 
