@@ -224,7 +224,7 @@ def test_friction_holds_the_surface(usual):
 def test_friction_resists_between_plates_that_stay_where_they_are():
     """At heights that are given: those that are sought balance to 4 %, which hides it.
 
-    Without an edge, round which the skin is drawn: with it friction adds 7 to 11 %, by its rounding.
+    Without an edge, round which skin is drawn: with it friction adds 7 to 11 %, by its radius.
     """
     keys = {**KEYS, "thickness_mm": None, "support_z_mm": -17.5, "paddle_z_mm": 17.5}
     keys["plate_edge_mm"] = -1e3
