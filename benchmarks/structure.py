@@ -28,6 +28,7 @@ BREASTS = (("scattered", 200.0), ("heterogeneous", 500.0), ("fatty", 1000.0))
 
 CHANGES: dict[str, dict[str, Any]] = {
     "default": {},
+    "skin does not stiffen": {"skin": {"stiffening": 0.0}},
     "skin of 5.6 kPa": {"skin": {"young_kpa": 5.63}},
     "skin of 344 kPa": {"skin": {"young_kpa": 344.0}},
     "fascia 0.1 kPa/mm": {"fascia_kpa_per_mm": 0.1},
