@@ -8,7 +8,7 @@ from naive import phantom as naive
 
 from mammosim.phantom._body_kernels import count_runs, find_runs
 from mammosim.phantom._count_kernels import count_labels
-from mammosim.phantom._open_end_kernels import CoarseDepth, leave_out
+from mammosim.phantom._open_end_kernels import CoarseDepth, copy_held, held_extent
 from mammosim.phantom.bodies import find_bodies
 
 
@@ -57,10 +57,16 @@ def test_what_a_view_leaves_out_agrees_with_the_twin():
     assert (expected == 7).any()
     rows, columns = np.zeros((9, 8), bool), np.zeros((9, 7), bool)
     names = np.array([9, 3, 2, 7], np.uint8)
-    leave_out(coarse, box, np.float32(0.6), np.float32(2.8), names, labels, rows, columns)
-    np.testing.assert_array_equal(labels, expected)
+    given = labels.copy()
+    held_extent(coarse, box, np.float32(0.6), names[1], labels, rows, columns)
     np.testing.assert_array_equal(rows, expected.any(axis=2))
     np.testing.assert_array_equal(columns, expected.any(axis=1))
+    for first, end in ((np.array([0, 0]), (8, 7)), (np.array([2, 1]), (7, 5))):
+        part = np.s_[:, first[0] : end[0], first[1] : end[1]]
+        held = np.empty_like(expected[part])
+        copy_held(coarse, box, np.float32(0.6), np.float32(2.8), names, labels, first, held)
+        np.testing.assert_array_equal(held, expected[part])
+    np.testing.assert_array_equal(labels, given)
 
 
 @pytest.mark.parametrize("shape", [(3, 4, 6), (3, 5, 1)])

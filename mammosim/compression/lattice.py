@@ -235,7 +235,11 @@ def bounds_mm(breast: BreastPhantom, view: View) -> tuple[NDArray[np.float64], N
     tissue_outline(breast.labels, outline)
     if not outline.any():
         raise InputError(f"{breast.source}: no tissue, every voxel is air")
-    corners = np.argwhere(outline)[:, :, None] + np.array([[-0.5, 0.5]])
+    rows = np.flatnonzero(outline.any(axis=1))
+    lines = outline[rows]
+    ends = np.stack([lines.argmax(axis=1), lines.shape[1] - 1 - lines[:, ::-1].argmax(axis=1)])
+    extreme = np.stack([np.tile(rows, 2), ends.ravel()], axis=1)  # a turn leaves rows straight
+    corners = extreme[:, :, None] + np.array([[-0.5, 0.5]])
     y, z = (
         breast.origin_mm[axis + 1] + corners[:, axis] * breast.voxel_mm[axis + 1]
         for axis in range(2)

@@ -1,4 +1,4 @@
-"""Kernel that leaves out of a phantom's labels what a view does not hold between the plates."""
+"""Kernels that leave out of a phantom's labels what a view does not hold between the plates."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import Thread, parallel_kernel, share
+from mammosim._jit import Thread, kernel, parallel_kernel, share
 from mammosim.phantom.anatomy._surface_kernels import even_shift
 
 
@@ -34,8 +34,63 @@ class CoarseDepth(NamedTuple):
     part_z: NDArray[np.float32]
 
 
+@kernel
+def _depth_of_column(
+    depth: CoarseDepth, i: int, j: int, voxel_mm: np.float32, out_mm: NDArray[np.float32]
+) -> np.float32:
+    """Depth at the coarse grid's heights over voxels [i, j], and what is added to it there.
+
+    The surface is moved by half a voxel to either side, column by column, so that it draws no
+    contour lines.
+    """
+    coarse = depth.mm
+    low_x, part_x = depth.cells_x[i], depth.part_x[i]
+    low_y, part_y = depth.cells_y[j], depth.part_y[j]
+    for k in range(coarse.shape[2]):
+        below, above = coarse[low_x, low_y, k], coarse[low_x, low_y + 1, k]
+        below += part_x * (coarse[low_x + 1, low_y, k] - below)
+        above += part_x * (coarse[low_x + 1, low_y + 1, k] - above)
+        out_mm[k] = below + part_y * (above - below)
+    return voxel_mm * np.float32(even_shift(i, j))
+
+
 @parallel_kernel
-def leave_out(
+def held_extent(
+    thread: Thread,
+    depth: CoarseDepth,
+    box: NDArray[np.int64],
+    voxel_mm: np.float32,
+    nipple: np.uint8,
+    labels: NDArray[np.uint8],
+    out_rows: NDArray[np.bool_],
+    out_columns: NDArray[np.bool_],
+) -> None:
+    """Where tissue is left if all outside of the held breast but the nipple is taken away.
+
+    Only `box` (3, 2) is looked at for that. `out_rows` [x, y] and `out_columns` [x, z] become true.
+    """
+    for i in share(thread, 0, labels.shape[0]):
+        line = np.empty(depth.mm.shape[2], np.float32)
+        for j in range(labels.shape[1]):
+            inside = box[0, 0] <= i < box[0, 1] and box[1, 0] <= j < box[1, 1]
+            moved = np.float32(0.0)
+            if inside:
+                moved = _depth_of_column(depth, i, j, voxel_mm, line)
+            some = False
+            for k in range(labels.shape[2]):
+                if labels[i, j, k] == 0 or (some and out_columns[i, k]):
+                    continue
+                if inside and box[2, 0] <= k < box[2, 1] and labels[i, j, k] != nipple:
+                    low = depth.cells_z[k]
+                    if line[low] + depth.part_z[k] * (line[low + 1] - line[low]) + moved < 0.0:
+                        continue
+                some = True
+                out_columns[i, k] = True
+            out_rows[i, j] = some
+
+
+@parallel_kernel
+def copy_held(
     thread: Thread,
     depth: CoarseDepth,
     box: NDArray[np.int64],
@@ -43,44 +98,32 @@ def leave_out(
     cover_mm: np.float32,
     names: NDArray[np.uint8],
     labels: NDArray[np.uint8],
-    out_rows: NDArray[np.bool_],
-    out_columns: NDArray[np.bool_],
+    first: NDArray[np.int64],
+    out_held: NDArray[np.uint8],
 ) -> None:
-    """Turn tissue outside of the held breast into air, and that just inside into skin.
+    """Copy labels from [0, first, first] on, with air outside of the held breast, skin just inside.
 
     Muscle less than `cover_mm` below that skin becomes fat. `names` are the labels of skin, nipple,
-    muscle and fat. Only `box` (3, 2) is looked at for that; the nipple stays. `out_rows` [x, y] and
-    `out_columns` [x, z] become true where tissue is left. The surface is moved by half a voxel to
-    either side, column by column, so that it draws no contour lines.
+    muscle and fat. Only `box` (3, 2) is changed; the nipple stays.
     """
     skin, nipple, muscle, fat = names[0], names[1], names[2], names[3]
-    coarse = depth.mm
     for i in share(thread, 0, labels.shape[0]):
-        line = np.empty(coarse.shape[2], np.float32)
-        low_x, part_x = depth.cells_x[i], depth.part_x[i]
-        for j in range(labels.shape[1]):
-            if box[0, 0] <= i < box[0, 1] and box[1, 0] <= j < box[1, 1]:
-                low_y, part_y = depth.cells_y[j], depth.part_y[j]
-                for k in range(coarse.shape[2]):
-                    below, above = coarse[low_x, low_y, k], coarse[low_x, low_y + 1, k]
-                    below += part_x * (coarse[low_x + 1, low_y, k] - below)
-                    above += part_x * (coarse[low_x + 1, low_y + 1, k] - above)
-                    line[k] = below + part_y * (above - below)
-                moved = voxel_mm * np.float32(even_shift(i, j))
-                for k in range(box[2, 0], box[2, 1]):
-                    if labels[i, j, k] == 0 or labels[i, j, k] == nipple:
-                        continue
-                    low_z = depth.cells_z[k]
-                    here = line[low_z] + depth.part_z[k] * (line[low_z + 1] - line[low_z]) + moved
+        line = np.empty(depth.mm.shape[2], np.float32)
+        for j in range(first[0], first[0] + out_held.shape[1]):
+            inside = box[0, 0] <= i < box[0, 1] and box[1, 0] <= j < box[1, 1]
+            moved = np.float32(0.0)
+            if inside:
+                moved = _depth_of_column(depth, i, j, voxel_mm, line)
+            for k in range(first[1], first[1] + out_held.shape[2]):
+                label = labels[i, j, k]
+                kept = label == 0 or label == nipple
+                if not kept and inside and box[2, 0] <= k < box[2, 1]:
+                    low = depth.cells_z[k]
+                    here = line[low] + depth.part_z[k] * (line[low + 1] - line[low]) + moved
                     if here < 0.0:
-                        labels[i, j, k] = 0
+                        label = np.uint8(0)
                     elif here < depth.skin_mm:
-                        labels[i, j, k] = skin
-                    elif here < cover_mm and labels[i, j, k] == muscle:
-                        labels[i, j, k] = fat
-            some = False
-            for k in range(labels.shape[2]):
-                if labels[i, j, k] != 0:
-                    some = True
-                    out_columns[i, k] = True
-            out_rows[i, j] = some
+                        label = skin
+                    elif here < cover_mm and label == muscle:
+                        label = fat
+                out_held[i, j - first[0], k - first[1]] = label

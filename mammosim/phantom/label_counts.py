@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from weakref import WeakKeyDictionary
-
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._derived import Derived
 from mammosim.phantom._count_kernels import count_labels
 from mammosim.phantom.breast import BreastPhantom
 
-_counted: WeakKeyDictionary[BreastPhantom, NDArray[np.int64]] = WeakKeyDictionary()
+_counted: Derived[BreastPhantom, NDArray[np.int64]] = Derived()
 
 
 def label_counts(breast: BreastPhantom) -> NDArray[np.int64]:
@@ -22,10 +21,11 @@ def label_counts(breast: BreastPhantom) -> NDArray[np.int64]:
         Its labels do not change any more: volume, extent, materials and lesions of one breast are
         asked for many times, and it is counted the first time.
     """
-    counts = _counted.get(breast)
-    if counts is None:
-        counts = np.zeros((breast.labels.shape[0], 256), np.int64)
-        if breast.labels.size:
-            count_labels(breast.labels, counts)
-        _counted[breast] = counts
+    return _counted.of(breast, lambda: _count(breast.labels))
+
+
+def _count(labels: NDArray[np.uint8]) -> NDArray[np.int64]:
+    counts = np.zeros((labels.shape[0], 256), np.int64)
+    if labels.size:
+        count_labels(labels, counts)
     return counts

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mammosim._derived import Derived
 from mammosim.errors import InputError
-from mammosim.phantom._open_end_kernels import CoarseDepth, leave_out
+from mammosim.phantom._open_end_kernels import CoarseDepth, copy_held, held_extent
 from mammosim.phantom.anatomy.muscle import COVER_MM
 from mammosim.phantom.breast import BreastPhantom, OpenEnd
 from mammosim.tissues import TISSUES
@@ -86,22 +86,19 @@ def _without_axilla(breast: BreastPhantom, end: OpenEnd) -> BreastPhantom:
     ]
     if problems:
         raise InputError(problems)
-    labels, rows, columns = _held_labels(breast, end)
-    low = [max(int(found[0]) - 1, 0) for found in (rows, columns)]
-    box = np.s_[:, low[0] : rows[-1] + 2, low[1] : columns[-1] + 2]
-    origin = breast.origin_mm + breast.voxel_mm * [0, *low]
-    held = np.ascontiguousarray(labels[box])
+    held, first = _held_labels(breast, end)
+    origin = breast.origin_mm + breast.voxel_mm * [0, *first]
     return dataclasses.replace(breast, labels=held, origin_mm=origin, open_end=None)
 
 
 def _held_labels(
     breast: BreastPhantom, end: OpenEnd
-) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]:
-    """Labels with air and skin where they are once the axilla is left out.
+) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Labels with air and skin where they are once the axilla is left out, in the box around them.
 
-    Also the indices along y and z at which there is tissue.
+    Also where the box begins along y and z.
     """
-    labels = breast.labels.copy()
+    labels = breast.labels
     deepest = max(end.skin_mm, COVER_MM) + 2.0 * end.held_frame.spacing_mm[0]
     changed = np.argwhere(end.held_depth_mm < deepest)
     box = np.zeros((3, 2), np.int64)
@@ -113,19 +110,24 @@ def _held_labels(
     (cells_x, part_x), (cells_y, part_y), (cells_z, part_z) = (
         _places(breast, end, axis, np.arange(count)) for axis, count in enumerate(labels.shape)
     )
-    coarse = CoarseDepth(
+    depth = CoarseDepth(
         end.held_depth_mm, np.float32(end.skin_mm), cells_x, part_x, cells_y, part_y, cells_z,
         part_z,
     )  # fmt: skip
     names = [TISSUES[name].label for name in ("skin", "nipple", "muscle", "adipose")]
-    used_rows = np.zeros((labels.shape[0], labels.shape[1]), bool)
-    used_columns = np.zeros((labels.shape[0], labels.shape[2]), bool)
-    leave_out(
-        coarse, box, np.float32(breast.voxel_mm.min()), np.float32(COVER_MM),
-        np.array(names, np.uint8), labels, used_rows, used_columns,
-    )  # fmt: skip
-    rows, columns = (np.flatnonzero(used.any(axis=0)) for used in (used_rows, used_columns))
-    return labels, rows, columns
+    voxel_mm, of_names = np.float32(breast.voxel_mm.min()), np.array(names, np.uint8)
+    rows = np.zeros((labels.shape[0], labels.shape[1]), bool)
+    columns = np.zeros((labels.shape[0], labels.shape[2]), bool)
+    held_extent(depth, box, voxel_mm, of_names[1], labels, rows, columns)
+    used = [np.flatnonzero(found.any(axis=0)) for found in (rows, columns)]
+    first = np.array([max(int(index[0]) - 1, 0) for index in used])
+    sizes = [
+        min(int(index[-1]) + 2, size) - low
+        for index, size, low in zip(used, labels.shape[1:], first, strict=True)
+    ]
+    held = np.empty((labels.shape[0], *sizes), np.uint8)
+    copy_held(depth, box, voxel_mm, np.float32(COVER_MM), of_names, labels, first, held)
+    return held, first
 
 
 def _places(

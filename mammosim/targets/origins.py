@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._derived import Derived
 from mammosim.compression import DisplacementField
 from mammosim.phantom import BreastPhantom
 from mammosim.targets.lesion_voxels import lesion_voxels
@@ -46,6 +47,10 @@ class UncompressedTarget:
     extent_mm: float = math.nan
 
 
+_origins: Derived[BreastPhantom, list[UncompressedTarget]] = Derived()
+"""Each view's table, warnings and rules ask for them: all voxels near a lesion are searched."""
+
+
 def target_origins(phantom: BreastPhantom) -> list[UncompressedTarget]:
     """Targets of a phantom before compression: lesions, then landmarks, then the nipple.
 
@@ -59,7 +64,7 @@ def target_origins(phantom: BreastPhantom) -> list[UncompressedTarget]:
         Centre and points of each in the breast frame, mm. Their order gives the numbers
         (`target_id`) of all tables.
     """
-    return [*_lesions(phantom), *_points(phantom)]
+    return list(_origins.of(phantom, lambda: [*_lesions(phantom), *_points(phantom)]))
 
 
 def mean_shift_mm(field: DisplacementField, origin: UncompressedTarget) -> NDArray[np.float64]:
