@@ -33,11 +33,16 @@ so that its front stays straight up to the open end. Chosen."""
 FAT_IN_MUSCLE = 0.122
 """Share of fat between and within the muscle's bundles, as their walls and streaks make it."""
 
-BUNDLE_MM, BUNDLE_LENGTH = 8.0, 3.5
+BUNDLE_MM, BUNDLE_LENGTH = 8.0, 7.0
 """Width of the muscle's bundles, mm, and their length against it. Chosen by eye."""
 
-FIBRE_BEND_MM = (2.2, 26.0)
-"""Amplitude and wavelength by which bundles are bent, mm. Chosen by eye."""
+FIBRE_BEND_MM = (1.2, 50.0)
+"""Amplitude and wavelength by which bundles are bent, mm: fibres are nearly straight. Chosen."""
+
+LAYERS_MM, THIN_MM = 50.0, 20.0
+"""Coordinate of the muscle's front across its layers, mm, so that they thin towards the nipple as
+the muscle does; and the thickness, mm, below which they end at the front instead. Chosen so that
+bundles are about as thick as wide where the muscle is thickest."""
 
 INSERTION_MM = 130.0
 """How far beyond the open end the bundles meet: the muscle's tendon at the upper arm, mm."""
@@ -145,13 +150,18 @@ def fit_volume(outline: Outline, muscle: Muscle, volume_ml: float) -> Outline:
 
 
 def fibre_coordinates(
-    outline: Outline, frame: VoxelFrame, rng: np.random.Generator
+    outline: Outline, muscled: NDArray[np.float64], frame: VoxelFrame, rng: np.random.Generator
 ) -> list[NDArray[np.float64]]:
-    """Coordinates along and across the muscle's bundles, which fan out from the arm, mm."""
+    """Coordinates along and across the muscle's bundles, mm.
+
+    They fan out from the arm, and lie in layers that follow the muscle's front, so that an oblique
+    view shows them along its edge. `muscled` is the depth below the front, mm.
+    """
     x, lateral, superior = mesh(frame)
     ahead = outline.axilla.cut_mm + INSERTION_MM - along_mm(lateral, superior)
     across = across_mm(lateral, superior)
     distance = np.hypot(np.maximum(ahead, 1.0), across)
     fan = INSERTION_MM * np.arctan2(across, np.maximum(ahead, 1.0))
-    parts = (distance / BUNDLE_LENGTH, fan, 1.4 * x)
+    layer = LAYERS_MM * x / np.maximum(muscled + x, THIN_MM)
+    parts = (distance / BUNDLE_LENGTH, fan, layer)
     return [part + FIBRE_BEND_MM[0] * smooth_noise(rng, frame, FIBRE_BEND_MM[1]) for part in parts]
