@@ -58,7 +58,8 @@ from mammosim.phantom.anatomy.parenchyma import (
 )
 from mammosim.phantom.anatomy.settings import GenerateSettings
 from mammosim.phantom.anatomy.skin import skin_mm
-from mammosim.phantom.anatomy.threads import Threads, Tissue, draw_threads
+from mammosim.phantom.anatomy.threads import Threads, draw_threads
+from mammosim.phantom.anatomy.tissue import Tissue
 from mammosim.phantom.anatomy.tubes import Tubes, gather_tubes
 from mammosim.phantom.anatomy.vessels import grow_vessels
 from mammosim.phantom.breast import BreastPhantom

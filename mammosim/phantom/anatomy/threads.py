@@ -10,17 +10,15 @@ themselves through the fat.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
-from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy._net_kernels import Net
 from mammosim.phantom.anatomy.foam import foam_edges, net_around
-from mammosim.phantom.anatomy.noise import smooth_noise
+from mammosim.phantom.anatomy.tissue import Tissue
+from mammosim.phantom.anatomy.web import LONG, WEB, Courses, draw_web, web_directions
 
 
 @dataclass(frozen=True)
@@ -72,46 +70,6 @@ TURNS = 6
 """Steps of the search for the place that has given coordinates of the foam."""
 
 
-@dataclass(frozen=True)
-class Web:
-    """Fibres that fray off strands.
-
-    Parameters
-    ----------
-    per_ml : float
-        Number of fibres per millilitre of breast.
-    length_mm : float
-        Mean length, mm.
-    step_mm : float
-        Length of a straight piece, mm.
-    radius_mm, spread : float
-        Median radius and spread of its logarithm.
-    turning_mm : float
-        Length over which a fibre turns from its strand's direction into that of the field, mm.
-    wander : float
-        Change of direction by chance, radians per square root of a millimetre.
-    """
-
-    per_ml: float
-    length_mm: float
-    step_mm: float
-    radius_mm: float
-    spread: float
-    turning_mm: float
-    wander: float
-
-
-WEB = Web(180.0, 20.0, 2.5, 0.05, 0.85, 9.0, 0.05)
-"""Chosen by eye."""
-
-LONGEST_WEB, OWN_DIRECTION = 2.5, 0.8
-"""Longest fibre of the web against the mean, and spread of a fibre's own direction against that of
-the field. Chosen by eye."""
-
-SWIRL_MM, RADIAL = 20.0, 0.5
-"""Wavelength of the field of directions of the web, and the part of the direction to the nipple in
-it. Chosen by eye."""
-
 TILE_MM = (3.2, 2.0, 4.0)
 """Pieces are painted box by box of this size, so that the voxels they change are in the cache."""
 
@@ -129,56 +87,6 @@ class Threads:
 
     ends_mm: NDArray[np.float64]
     radius_mm: NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Tissue:
-    """Where strands may be: coarse fields [x, lateral, superior] and their frame.
-
-    Parameters
-    ----------
-    skin_depth_mm, muscle_depth_mm : ndarray
-        Distance below the skin, depth below the muscle's face.
-    coordinates_mm : list of three ndarray
-        Coordinates in which lobules are a power diagram.
-    frame : VoxelFrame
-    """
-
-    skin_depth_mm: NDArray[np.float64]
-    muscle_depth_mm: NDArray[np.float64]
-    coordinates_mm: list[NDArray[np.float64]]
-    frame: VoxelFrame
-
-    @cached_property
-    def inside(self) -> NDArray[np.int64]:
-        """Indices (n, 3) of points of the grid in tissue, with what is close to it."""
-        return np.argwhere((self.skin_depth_mm > -1.0) & (self.muscle_depth_mm < 2.0))
-
-    @cached_property
-    def places_mm(self) -> NDArray[np.float64]:
-        """Their coordinates in the foam, (n, 3)."""
-        return np.stack([part[tuple(self.inside.T)] for part in self.coordinates_mm], axis=-1)
-
-    @cached_property
-    def nearest(self) -> cKDTree:
-        """Finds the nearest of them by its coordinates in the foam."""
-        return cKDTree(self.places_mm)
-
-    @cached_property
-    def inverse_slope(self) -> NDArray[np.float64]:
-        """Steps of the index for the coordinates, at each of them, (n, 3, 3)."""
-        slopes = [np.stack(tuple(np.gradient(part)), axis=-1) for part in self.coordinates_mm]
-        return np.linalg.inv(np.stack(slopes, axis=-2)[tuple(self.inside.T)])
-
-    @property
-    def volume_ml(self) -> float:
-        """Volume within the skin and in front of the muscle."""
-        held = (self.skin_depth_mm > 0.0) & (self.muscle_depth_mm < 0.0)
-        return float(np.count_nonzero(held) * np.prod(self.frame.spacing_mm) / 1000.0)
-
-
-Courses = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Places along fibres, (fibre, place, 3) mm, and radii there, (fibre, place) mm, 0 beyond ends."""
 
 
 def draw_threads(
@@ -204,7 +112,11 @@ def draw_threads(
         _bundles(net, kind, amount, tissue, rng) for net, kind in zip(nets, BUNDLES, strict=True)
     ]
     pieces = [_pieces(*courses) for courses in bundles]
-    pieces.append(_pieces(*_web(np.concatenate([ends for ends, _ in pieces]), amount, tissue, rng)))
+    strands = np.concatenate([ends for ends, _ in pieces])
+    field = web_directions(tissue, rng)
+    pieces += [
+        _pieces(*draw_web(kind, strands, field, amount, tissue, rng)) for kind in (WEB, LONG)
+    ]
     ends, radii = (np.concatenate(part) for part in zip(*pieces, strict=True))
     return _within(ends, radii, tissue)
 
@@ -287,66 +199,6 @@ def _spline(
     flat = weight[..., 0]
     radii = sum(flat[n] * radius[:, n : points - 2 + n, None] for n in range(3)).reshape(count, -1)
     return courses, radii
-
-
-def _web(
-    ends_mm: NDArray[np.float64], amount: float, tissue: Tissue, rng: np.random.Generator
-) -> Courses:
-    """Fibres that start along pieces of strands and turn into the direction of a smooth field."""
-    count = int(amount * WEB.per_ml * tissue.volume_ml)
-    field, last = _directions(tissue, rng), np.array(tissue.frame.shape) - 1
-    start = ends_mm[rng.integers(0, len(ends_mm), count)]
-    at = start[:, 0].copy()
-    way = _unit(start[:, 1] - start[:, 0]) * rng.choice([-1.0, 1.0], count)[:, None]
-    length = WEB.length_mm * np.sort(rng.gamma(3.0, 1.0 / 3.0, count))[::-1]
-    steps = int(LONGEST_WEB * WEB.length_mm / WEB.step_mm)
-    length = np.clip(length, 2.0 * WEB.step_mm, steps * WEB.step_mm)
-    own = OWN_DIRECTION * rng.standard_normal((count, 3))
-    places = np.empty((count, steps + 1, 3))
-    for step in range(steps + 1):
-        places[:, step] = at
-        going = slice(np.count_nonzero(length > step * WEB.step_mm))  # the longest come first
-        index = np.rint(tissue.frame.index(at[going])).astype(np.int64).clip(0, last)
-        wanted = field[tuple(index.T)] + own[going]
-        wanted *= np.sign(_sums(wanted * way[going]))
-        turned = way[going] + WEB.step_mm / WEB.turning_mm * (wanted - way[going])
-        turned += WEB.wander * np.sqrt(WEB.step_mm) * rng.standard_normal(turned.shape)
-        way[going] = _unit(turned)
-        at[going] += WEB.step_mm * way[going]
-    part = np.arange(steps + 1) * WEB.step_mm / length[:, None]
-    radius = WEB.radius_mm * np.exp(WEB.spread * rng.standard_normal((count, 1)))
-    # A fibre is whole where it leaves its strand, and tapers over its last two thirds.
-    return places, radius * np.clip(1.5 * (1.0 - part), 0.0, 1.0)
-
-
-def _directions(tissue: Tissue, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Unit vectors on the grid, [x, lateral, superior, 3]: swirls, lines towards the nipple, and
-    along the skin."""
-
-    def slopes(part: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.stack(tuple(np.gradient(part, *tissue.frame.spacing_mm)))
-
-    first, second = (slopes(smooth_noise(rng, tissue.frame, SWIRL_MM)) for _ in range(2))
-    swirl = np.cross(first, second, axis=0)
-    swirl /= np.sqrt((swirl**2).sum(axis=0).mean())
-    _, across, along = (slopes(part) for part in tissue.coordinates_mm)
-    total = swirl + RADIAL * _unit(np.cross(across, along, axis=0), 0)
-    outwards = _unit(slopes(tissue.skin_depth_mm), 0)
-    near_skin = np.exp(-((tissue.skin_depth_mm.clip(0.0) / 6.0) ** 2))
-    total -= near_skin * (total * outwards).sum(axis=0) * outwards
-    return np.ascontiguousarray(np.moveaxis(_unit(total, 0), 0, -1))
-
-
-def _unit(vectors: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
-    """Vectors of length one."""
-    unit: NDArray[np.float64] = vectors / np.maximum(np.sqrt(_sums(vectors**2, axis)), 1e-9)
-    return unit
-
-
-def _sums(vectors: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
-    """Sums of three components along an axis that is kept: NumPy's own take ten times as long."""
-    first, second, third = np.moveaxis(vectors, axis, 0)
-    return np.expand_dims(first + second + third, axis)
 
 
 def _pieces(
