@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,19 +77,12 @@ class ReportedView:
         """Points of the skin, and by how much compression moves them (`moved_skin`)."""
         return moved_skin(self.compressed)
 
-    def measure(self) -> None:
-        """Compute now the numbers that the page has of this view alone, which takes seconds."""
-        for part in ("convergence", "findings", "appearance"):
-            getattr(self, part)
-
-    def draw(self, settings: ReportSettings) -> None:
-        """Make now the drawings that the page has of this view alone."""
-        parts = ["sections"]
-        if settings.three_d:
-            parts.append("skin")
-            plotly_gzip_base64()
-        for part in parts:
-            getattr(self, part)
+    def parts(self, settings: ReportSettings) -> tuple[Callable[[], Any], ...]:
+        """What makes each part that the page has of this view alone; all take seconds together."""
+        names = ["appearance", "findings", "convergence", "sections"]
+        if not settings.three_d:
+            return tuple(partial(getattr, self, name) for name in names)
+        return (*(partial(getattr, self, name) for name in (*names, "skin")), plotly_gzip_base64)
 
 
 @dataclass(frozen=True)

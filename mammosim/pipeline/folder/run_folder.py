@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -174,12 +173,11 @@ class RunFolder:
                 folder, result.paths, result.mammogram, result.targets, export, self._identity
             )
 
-    def page_parts(self, result: ViewResult) -> tuple[Callable[[], None], ...]:
+    def page_parts(self, result: ViewResult) -> tuple[Callable[[], Any], ...]:
         """What makes the parts of the page that tell of one view alone, beside other stages."""
         if not self._config.report.html:
             return ()
-        view = self._reported_view(result)
-        return view.measure, partial(view.draw, self._config.report)
+        return self._reported_view(result).parts(self._config.report)
 
     def _reported_view(self, result: ViewResult) -> ReportedView:
         """A view for the page, with what was computed of it before."""

@@ -12,9 +12,10 @@ from typing import Any
 
 from mammosim._jit import use_threads
 
-MAX_WAITING = 4
-"""Results of a view that may wait to be written. All are in memory until the run ends anyway; what
-is made only to be written, as a compressed breast's labels, is made when its turn comes."""
+MAX_WAITING = 12
+"""Results of a view that may wait to be written: all that one has. They are in memory until the run
+ends anyway; what is made only to be written, as a compressed breast's labels, is made when its turn
+comes."""
 
 
 class WritingThread:
