@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mammosim._wording import counted
+from mammosim.cli.loading import loading
 from mammosim.cli.progress import event_lines, progress
 from mammosim.cli.rehearsing import rehearsing
 from mammosim.cli.signals import signals_interrupt
@@ -120,18 +121,19 @@ def run(
 ) -> None:
     """Run the whole pipeline."""
     with exit_status():
-        from mammosim.pipeline import (
-            RunFolder,
-            check_memory_limit,
-            is_finished,
-            keep_freed_memory,
-            load_config,
-            make_plan,
-            refuse_own_configuration,
-            simulate,
-            title_of,
-            writing,
-        )  # fmt: skip
+        with loading():
+            from mammosim.pipeline import (
+                RunFolder,
+                check_memory_limit,
+                is_finished,
+                keep_freed_memory,
+                load_config,
+                make_plan,
+                refuse_own_configuration,
+                simulate,
+                title_of,
+                writing,
+            )  # fmt: skip
 
         title = title_of(config)
         folder = output or Path("runs") / title
