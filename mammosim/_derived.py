@@ -1,4 +1,4 @@
-"""What was made of an object, kept for those that ask for it again."""
+"""What was made of an object, kept in case it is asked for again."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Made = TypeVar("Made")
 class Derived(Generic[Source, Made]):
     """Keeps what was made of each object, as long as the object exists.
 
-    Threads may share it: who asks while it is being made waits until it is there.
+    Threads may share it: one that asks for what another is making waits for it.
     """
 
     def __init__(self) -> None:

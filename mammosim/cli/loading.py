@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 @contextmanager
 def loading() -> Iterator[None]:
-    """Load modules without a search for garbage, and leave them out of later searches.
+    """Load modules with garbage collection off, and leave them out of later collections.
 
-    Python looks through all objects again and again while their number grows, and what modules
-    hold is never garbage: that takes a seventh of the time.
+    While the number of objects grows, Python goes through all of them again and again, which takes
+    a seventh of the time; what modules hold is never garbage.
     """
     gc.disable()
     try:

@@ -23,7 +23,7 @@ SECONDS_PER_LINE = 30.0
 """Between two lines of a stage's progress where there is no terminal."""
 
 SECONDS_PER_VIEW = 2.0
-"""For which the stage of one view is shown before that of another that goes on at the same time."""
+"""How long the stage of one view is shown before that of another made at the same time."""
 
 SECONDS_PER_EVENT = 0.1
 """Between two rows of a solver's history that are reported to another program."""

@@ -54,6 +54,15 @@ def _depth_of_column(
     return voxel_mm * np.float32(even_shift(i, j))
 
 
+@kernel
+def _depth_at(
+    depth: CoarseDepth, line: NDArray[np.float32], moved: np.float32, k: int
+) -> np.float32:
+    """Depth of voxel k of a column, from what `_depth_of_column` gives."""
+    low = depth.cells_z[k]
+    return line[low] + depth.part_z[k] * (line[low + 1] - line[low]) + moved
+
+
 @parallel_kernel
 def held_extent(
     thread: Thread,
@@ -80,10 +89,9 @@ def held_extent(
             for k in range(labels.shape[2]):
                 if labels[i, j, k] == 0 or (some and out_columns[i, k]):
                     continue
-                if inside and box[2, 0] <= k < box[2, 1] and labels[i, j, k] != nipple:
-                    low = depth.cells_z[k]
-                    if line[low] + depth.part_z[k] * (line[low + 1] - line[low]) + moved < 0.0:
-                        continue
+                checked = inside and box[2, 0] <= k < box[2, 1] and labels[i, j, k] != nipple
+                if checked and _depth_at(depth, line, moved, k) < 0.0:
+                    continue
                 some = True
                 out_columns[i, k] = True
             out_rows[i, j] = some
@@ -118,8 +126,7 @@ def copy_held(
                 label = labels[i, j, k]
                 kept = label == 0 or label == nipple
                 if not kept and inside and box[2, 0] <= k < box[2, 1]:
-                    low = depth.cells_z[k]
-                    here = line[low] + depth.part_z[k] * (line[low + 1] - line[low]) + moved
+                    here = _depth_at(depth, line, moved, k)
                     if here < 0.0:
                         label = np.uint8(0)
                     elif here < depth.skin_mm:

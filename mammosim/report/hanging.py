@@ -80,9 +80,10 @@ class ReportedView:
     def parts(self, settings: ReportSettings) -> tuple[Callable[[], Any], ...]:
         """What makes each part that the page has of this view alone; all take seconds together."""
         names = ["appearance", "findings", "convergence", "sections"]
-        if not settings.three_d:
-            return tuple(partial(getattr, self, name) for name in names)
-        return (*(partial(getattr, self, name) for name in (*names, "skin")), plotly_gzip_base64)
+        parts: list[Callable[[], Any]] = [partial(getattr, self, name) for name in names]
+        if settings.three_d:
+            parts += [partial(getattr, self, "skin"), plotly_gzip_base64]
+        return tuple(parts)
 
 
 @dataclass(frozen=True)

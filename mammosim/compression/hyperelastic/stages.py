@@ -60,7 +60,6 @@ INCREMENT = 0.06
 SMALLEST_INCREMENT = INCREMENT / 32.0
 """Five halvings of the first; a step that fails even then is taken as not converging."""
 
-
 HISTORY = np.dtype(
     [
         ("iteration", np.int64),
@@ -152,7 +151,7 @@ class Stages:
         return (x_mm - corner[0]) / edge
 
     def contact(self, level: int, plates: Plates) -> Contact:
-        """The surface of one of the bodies between plates, whose edge is as sharp as it can be."""
+        """The surface of one of the bodies between plates whose edge its elements can follow."""
         corner, edge = self._frame(level)
         plates = replace(plates, radius_mm=max(plates.radius_mm, ROUNDED * edge))
         return Contact(self.points[level], plates.solids(corner, edge), PENALTY * self._softness)
