@@ -30,7 +30,7 @@ class Crew:
         """Count the calling thread, until its task is done."""
         with self._counting:
             self._at_work += 1
-        _of_thread.crew = self
+        _of_thread.crew, _of_thread.interrupted = self, False
         try:
             yield
         finally:
@@ -39,7 +39,10 @@ class Crew:
                 self._at_work -= 1
 
     def stop(self) -> None:
-        """Interrupt all tasks at the next kernel that they call, as Ctrl-C does the main thread."""
+        """Interrupt each task once, at the next kernel that it calls, as Ctrl-C does the main one.
+
+        The kernels that it calls after that run, so that it can keep what it reached.
+        """
         self._stopped = True
 
     def share(self) -> int:
@@ -48,9 +51,10 @@ class Crew:
         Raises
         ------
         KeyboardInterrupt
-            If the crew was told to stop.
+            Once in each thread, if the crew was told to stop.
         """
-        if self._stopped:
+        if self._stopped and not _of_thread.interrupted:
+            _of_thread.interrupted = True
             raise KeyboardInterrupt
         return max(self._threads // max(self._at_work, 1), 1)
 

@@ -285,7 +285,8 @@ def test_an_interrupted_run_keeps_what_it_reached(folder, tmp_path, monkeypatch)
         original(*arguments)
 
     monkeypatch.setattr(relaxation, "sweep", stopped)
-    path = write(folder, "stop.yaml", compression={**SMALL["compression"], "solver": "relaxation"})
+    compression = {**SMALL["compression"], "solver": "relaxation"}
+    path = write(folder, "stop.yaml", compression=compression, views=["CC"])
     result = invoke("run", path, "--output", tmp_path / "out")
     assert result.exit_code == 130
     record = json.loads((tmp_path / "out" / "run.json").read_text())

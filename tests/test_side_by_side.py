@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import threading
 import time
+from collections import Counter
 from functools import partial
 
 import numba
@@ -17,6 +18,7 @@ from mammosim import InputError
 from mammosim._crew import Crew, crew_of_thread
 from mammosim._derived import Derived
 from mammosim._jit import kernel_threads, parallel_kernel, share
+from mammosim.compression.springs import relaxation
 from mammosim.config import to_settings
 from mammosim.errors import Interrupted
 from mammosim.pipeline import RunConfig, RunFolder
@@ -132,6 +134,52 @@ def test_an_interruption_of_one_task_stops_the_others_at_their_next_kernel(stop)
         run_side_by_side([interrupted, endless], 2)
     with pytest.raises(KeyboardInterrupt):
         run_side_by_side([endless, interrupted], 2)
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS == 1, reason="kernels have one thread")
+def test_a_task_that_is_stopped_may_still_keep_what_it_reached():
+    """Its kernels are interrupted once, as by Ctrl-C, and not again while it tidies up."""
+    begun, out, kept = threading.Event(), np.zeros(10), []
+
+    def stopped():
+        until = time.monotonic() + WAIT_S
+        begun.set()
+        try:
+            while time.monotonic() < until:
+                _fill(out)
+        except KeyboardInterrupt:
+            out[:] = 0.0
+            _fill(out)
+            kept.append(out.copy())
+            raise
+
+    def interrupted():
+        assert begun.wait(WAIT_S)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_side_by_side([interrupted, stopped], 2)
+    np.testing.assert_array_equal(kept, [np.arange(10.0)])
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS == 1, reason="kernels have one thread")
+def test_views_that_are_interrupted_keep_what_they_reached(tmp_path, monkeypatch):
+    """One view in its third sweep, the other anywhere between its second and third."""
+    sweep, visits, both = relaxation.sweep, Counter(), threading.Barrier(2, timeout=WAIT_S)
+
+    def stopped(*arguments):
+        visits[threading.get_ident()] += 1
+        if visits[threading.get_ident()] == 3 and both.wait() == 0:
+            raise KeyboardInterrupt
+        sweep(*arguments)
+
+    monkeypatch.setattr(relaxation, "sweep", stopped)
+    springs = {"model": "springs", "resolution_mm": 6.0, "solver": "relaxation"}
+    config = to_settings(RunConfig, SECTIONS | {"compression": springs}, "test")
+    with pytest.raises((KeyboardInterrupt, Interrupted)):
+        mammosim.simulate(config, RunFolder(tmp_path / "out", config, "run"))
+    for view in ("LCC", "LMLO"):
+        assert (tmp_path / "out" / view / "displacement.nii.gz").exists()
 
 
 def test_ctrl_c_stops_all(monkeypatch):
