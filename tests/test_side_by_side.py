@@ -14,16 +14,17 @@ import pytest
 from make_run import FEW_PHOTONS
 
 import mammosim
-from mammosim import InputError
+from mammosim import InputError, _side_by_side
 from mammosim._crew import Crew, crew_of_thread
 from mammosim._derived import Derived
 from mammosim._jit import kernel_threads, parallel_kernel, share
+from mammosim._side_by_side import both, dealt, run_side_by_side
 from mammosim.compression.springs import relaxation
 from mammosim.config import to_settings
 from mammosim.errors import Interrupted
 from mammosim.pipeline import RunConfig, RunFolder
-from mammosim.pipeline.run import side_by_side, simulation
-from mammosim.pipeline.run.side_by_side import run_side_by_side, views_at_once
+from mammosim.pipeline.run import at_once, simulation
+from mammosim.pipeline.run.at_once import views_at_once
 
 SECTIONS = {
     "phantom": {"generate": {"volume_ml": 250, "voxel_mm": 3.0}},
@@ -182,6 +183,21 @@ def test_views_that_are_interrupted_keep_what_they_reached(tmp_path, monkeypatch
         assert (tmp_path / "out" / view / "displacement.nii.gz").exists()
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_both_of_two_results_come_in_their_order(threads, monkeypatch):
+    monkeypatch.setattr(_side_by_side, "kernel_threads", lambda: threads)
+    assert both(lambda: "first", lambda: 2) == ("first", 2)
+
+
+@pytest.mark.parametrize("turns", [1, 16, 41])
+def test_neighbouring_turns_are_dealt_to_different_threads(turns):
+    order = dealt(turns)
+    assert sorted(order) == list(range(turns))
+    parts = np.array_split(order, 2)
+    assert all(np.abs(np.diff(np.sort(part))).max(initial=2) <= 3 for part in parts)
+    assert abs(sum(parts[0]) - sum(parts[1])) <= turns
+
+
 def test_ctrl_c_stops_all(monkeypatch):
     """Python interrupts the main thread, which waits for the others."""
     crews = []
@@ -196,21 +212,21 @@ def test_ctrl_c_stops_all(monkeypatch):
         while True:
             crew_of_thread().share()
 
-    monkeypatch.setattr(side_by_side, "wait", interrupted_wait)
+    monkeypatch.setattr(_side_by_side, "wait", interrupted_wait)
     with pytest.raises(KeyboardInterrupt, match="SIGINT"):
         run_side_by_side([task, task], 2)
     assert len(crews) == 2
 
 
 def test_views_are_made_in_turn_where_threads_or_memory_do_not_suffice(config, monkeypatch):
-    monkeypatch.setattr(side_by_side, "kernel_threads", lambda: 8)
+    monkeypatch.setattr(at_once, "kernel_threads", lambda: 8)
     assert views_at_once(config) == 2
-    monkeypatch.setattr(side_by_side, "available_bytes", lambda: None)
+    monkeypatch.setattr(at_once, "available_bytes", lambda: None)
     assert views_at_once(config) == 2
-    monkeypatch.setattr(side_by_side, "available_bytes", lambda: 10_000_000)
+    monkeypatch.setattr(at_once, "available_bytes", lambda: 10_000_000)
     assert views_at_once(config) == 1
-    monkeypatch.setattr(side_by_side, "available_bytes", lambda: 10**12)
-    monkeypatch.setattr(side_by_side, "kernel_threads", lambda: 1)
+    monkeypatch.setattr(at_once, "available_bytes", lambda: 10**12)
+    monkeypatch.setattr(at_once, "kernel_threads", lambda: 1)
     assert views_at_once(config) == 1
 
 

@@ -9,12 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._side_by_side import dealt
 from mammosim.projection._ray_kernels import LABELS_PER_WORD, Beam, Voxels, trace
 
 # Rows that one thread traces together: neighbouring rays share the voxels in its cache.
 _BAND_ROWS = 32
-# Bands are dealt out with this stride, so that each thread gets its share of breast and of air.
-_DEAL = 16
 
 
 def trace_rays(
@@ -58,9 +57,8 @@ def trace_rays(
         nodes = nodes.copy()
         nodes[..., 3] = 1.0
     bands = -(-rows // _BAND_ROWS)
-    order = np.concatenate([np.arange(first, bands, _DEAL) for first in range(_DEAL)])
     voxels = _voxels(labels, channel_of_label, channels)
-    trace(order, _BAND_ROWS, beam, nodes, voxels, length, weighted_length)
+    trace(dealt(bands), _BAND_ROWS, beam, nodes, voxels, length, weighted_length)
     return length, weighted_length
 
 

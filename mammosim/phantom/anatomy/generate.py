@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._side_by_side import both, dealt
 from mammosim.config import documents_keys, given_settings
 from mammosim.errors import InputError
 from mammosim.phantom.anatomy._block_kernels import SKIN_MM, Lattice, Paint, Texture
@@ -30,7 +32,7 @@ from mammosim.phantom.anatomy.body import (
     streams_of_breast,
     streams_of_woman,
 )
-from mammosim.phantom.anatomy.ducts import grow_ducts
+from mammosim.phantom.anatomy.ducts import DuctTrees, grow_ducts
 from mammosim.phantom.anatomy.finding_bodies import Ball, Fold, paint_findings
 from mammosim.phantom.anatomy.findings import Site, draw_findings
 from mammosim.phantom.anatomy.keys import OtherGenerateKeys
@@ -177,7 +179,7 @@ def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastP
     paint = paint._replace(
         threshold=_threshold(labels, lattice, texture, paint, settings.target_percent)
     )
-    paint_tissue(_dealt(lattice.x_start.size - 1), labels, lattice, texture, paint)
+    paint_tissue(dealt(lattice.x_start.size - 1), labels, lattice, texture, paint)
     paint_findings(labels, lattice, anatomy.findings)
     skin = float(anatomy.fields[..., SKIN_MM].mean())
     return phantom_of(labels, lattice, anatomy.body, settings, seed, laterality, skin)
@@ -191,37 +193,74 @@ def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _A
     body = draw_body(settings, seed, laterality)
     outline, frame, depth, muscled = body.outline, body.frame, body.depth_mm, body.muscle_mm
     kind = draw_parenchyma(settings.density_class, how_gland_lies)
+    share = settings.target_percent / 100.0
+    gland, foam = both(
+        partial(_draw_gland, body, kind, share, field_rng, duct_rng),
+        partial(_draw_foam, body, kind, lobule_rng),
+    )
+    lobules, fine, bundles = foam.nets
+    potential = settle_gland(
+        lobules, foam.bent, gland.potential, gland.breast, share, kind.cells, lobule_rng
+    )
+    channels = [depth, muscled, potential, foam.septum_mm, gland.skin_mm, *foam.bent, *foam.fibres]
+    fields = np.stack(np.broadcast_arrays(*channels), axis=-1).astype(np.float32)
+    vessels = grow_vessels(outline, depth, muscled, frame, vessel_rng)
+    tubes = gather_tubes([*vessels, *gland.trees.pieces])
+    tissue = Tissue(depth, muscled, foam.bent, frame)
+    threads = draw_threads(tissue, (lobules, fine), kind.threads, thread_rng)
+    tile = noise_tile(thread_rng, TILE, FINE_LIMIT)
+    foot = np.array([outline.shape.depth_mm, 0.0, 0.0])
+    site = Site(depth, muscled, gland.skin_mm, frame, outline.axilla, foot, tubes)
+    findings = draw_findings(settings, site, finding_rng)
+    return _Anatomy(body, kind, fields, tubes, threads, (lobules, bundles), tile, findings)
+
+
+@dataclass(frozen=True, eq=False)
+class _Gland:
+    """Ducts, and on the coarse grid the skin's thickness, what lies within it in front of the
+    muscle, and the potential of gland."""
+
+    trees: DuctTrees
+    skin_mm: NDArray[np.float64]
+    breast: NDArray[np.bool_]
+    potential: NDArray[np.float64]
+
+
+def _draw_gland(
+    body: Body, kind: Parenchyma, share: float, field_rng: np.random.Generator,
+    duct_rng: np.random.Generator,
+) -> _Gland:  # fmt: skip
+    outline, frame, depth, muscled = body.outline, body.frame, body.depth_mm, body.muscle_mm
+    foot_mm = outline.shape.depth_mm
     room = gland_room(outline, kind, depth, muscled, frame, field_rng)
-    ends = np.array([outline.shape.depth_mm, outline.shape.depth_mm + body.nipple.height_mm])
+    ends = np.array([foot_mm, foot_mm + body.nipple.height_mm])
     trees = grow_ducts(room, frame, ends, kind.units_a_lobe, duct_rng)
     thickness = skin_mm(body.skin_mm, frame, field_rng)
     breast = (depth > thickness) & (muscled < 0.0)
-    share = settings.target_percent / 100.0
     room = gland_region(room, breast, kind.expanse * share)
-    gland = gland_potential(room, trees, kind, outline.shape.depth_mm, frame, field_rng)
-    bent = lobule_coordinates(outline, frame, lobule_rng)
-    fibres = fibre_coordinates(outline, muscled, frame, lobule_rng)
-    septum = septum_mm(depth, kind.septum_mm, frame, lobule_rng)
-    lobules = draw_net(bent, LOBULE_MM * kind.lobule_size, lobule_rng)
-    fine = draw_net(bent, FINE_MM, lobule_rng)
-    bundles = draw_net(fibres, BUNDLE_MM, lobule_rng, grouped=False)
-    gland = settle_gland(lobules, bent, gland, breast, share, kind.cells, lobule_rng)
-    channels = [depth, muscled, gland, septum, thickness, *bent, *fibres]
-    fields = np.stack(np.broadcast_arrays(*channels), axis=-1).astype(np.float32)
-    vessels = grow_vessels(outline, depth, muscled, frame, vessel_rng)
-    tubes = gather_tubes([*vessels, *trees.pieces])
-    tissue = Tissue(depth, muscled, bent, frame)
-    threads = draw_threads(tissue, (lobules, fine), kind.threads, thread_rng)
-    tile = noise_tile(thread_rng, TILE, FINE_LIMIT)
-    site = Site(depth, muscled, thickness, frame, outline.axilla, ends[:1] * [1.0, 0.0, 0.0], tubes)
-    findings = draw_findings(settings, site, finding_rng)
-    nets = (lobules, bundles)
-    return _Anatomy(body, kind, fields, tubes, threads, nets, tile, findings)
+    potential = gland_potential(room, trees, kind, foot_mm, frame, field_rng)
+    return _Gland(trees, thickness, breast, potential)
 
 
-def _dealt(layers: int) -> NDArray[np.int64]:
-    """Order in which layers are dealt out, so that each thread has some of all parts."""
-    return np.concatenate([np.arange(first, layers, 16) for first in range(16)])
+@dataclass(frozen=True, eq=False)
+class _Foam:
+    """Coordinates of lobules and of the muscle's fibres, the thickness of walls, and the nets of
+    lobules, of finer cells within them and of the muscle's bundles."""
+
+    bent: list[NDArray[np.float64]]
+    fibres: list[NDArray[np.float64]]
+    septum_mm: NDArray[np.float64]
+    nets: tuple[Net, Net, Net]
+
+
+def _draw_foam(body: Body, kind: Parenchyma, rng: np.random.Generator) -> _Foam:
+    bent = lobule_coordinates(body.outline, body.frame, rng)
+    fibres = fibre_coordinates(body.outline, body.muscle_mm, body.frame, rng)
+    septum = septum_mm(body.depth_mm, kind.septum_mm, body.frame, rng)
+    lobules = draw_net(bent, LOBULE_MM * kind.lobule_size, rng)
+    fine = draw_net(bent, FINE_MM, rng)
+    bundles = draw_net(fibres, BUNDLE_MM, rng, grouped=False)
+    return _Foam(bent, fibres, septum, (lobules, fine, bundles))
 
 
 def _texture(anatomy: _Anatomy, seed: int) -> Texture:
@@ -248,7 +287,7 @@ def _threshold(
     """Potential above which tissue is gland, so that the fibroglandular share is met."""
     shape = (*(side - 1 for side in texture.fields.shape[:3]), 4)
     potential, state = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
-    sample_potential(_dealt(shape[0]), labels, lattice, texture, paint, potential, state)
+    sample_potential(dealt(shape[0]), labels, lattice, texture, paint, potential, state)
     muscle = np.count_nonzero(state == IN_MUSCLE)
     # Fat within muscle counts as breast; gland has no part in it.
     counted = np.count_nonzero(state) - (1.0 - FAT_IN_MUSCLE) * muscle

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from mammosim._side_by_side import both
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy.axilla import (
     HELD_FROM,
@@ -108,12 +111,22 @@ def near_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
 
 def _joined(outline: Outline, points_mm: Points, step_mm: float) -> NDArray[np.float64]:
     """Smooth union of breast and ridge: depth to first order near the skin, mm."""
-    breast = _to_first_order(level(outline.shape, points_mm), step_mm)
+    breast = _to_first_order(_in_halves(partial(level, outline.shape), points_mm), step_mm)
     ridge = _to_first_order(ridge_level(outline.axilla, outline.shape, points_mm), step_mm)
     fillet_mm = min(FILLET_MM, FILLET * outline.shape.radius_mm)
     overlap = np.clip(fillet_mm - np.abs(breast - ridge), 0.0, None)
     joined: NDArray[np.float64] = np.maximum(breast, ridge) + overlap**2 / (4.0 * fillet_mm)
     return joined
+
+
+def _in_halves(
+    value: Callable[[Points], NDArray[np.float64]], points_mm: Points
+) -> NDArray[np.float64]:
+    """Values at the points of a mesh, those behind and in front at the same time."""
+    x, lateral, superior = points_mm
+    halves = (x[: len(x) // 2], x[len(x) // 2 :])
+    behind, ahead = (partial(value, (half, lateral, superior)) for half in halves)
+    return np.concatenate(both(behind, ahead))
 
 
 def _to_first_order(value: NDArray[np.float64], step_mm: float) -> NDArray[np.float64]:

@@ -10,11 +10,13 @@ themselves through the fat.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from mammosim._side_by_side import both
 from mammosim.phantom.anatomy._net_kernels import Net
 from mammosim.phantom.anatomy.foam import foam_edges, net_around
 from mammosim.phantom.anatomy.tissue import Tissue
@@ -69,9 +71,11 @@ NEAR_MM = 4.0
 TURNS = 6
 """Steps of the search for the place that has given coordinates of the foam."""
 
-
 TILE_MM = (3.2, 2.0, 4.0)
 """Pieces are painted box by box of this size, so that the voxels they change are in the cache."""
+
+Foam = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]
+"""Nodes of a foam, (n, 3) mm, the two of each edge, (m, 2), and the edges' strengths, (m,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +112,11 @@ def draw_threads(
     An edge holds fibres in proportion to the thickness of the second of its three walls; where only
     one of them is present there is none.
     """
-    bundles = [
-        _bundles(net, kind, amount, tissue, rng) for net, kind in zip(nets, BUNDLES, strict=True)
+    foams = both(*(partial(_edges_in, net, tissue) for net in nets))
+    pieces = [
+        _pieces(*_bundles(foam, kind, amount, rng))
+        for foam, kind in zip(foams, BUNDLES, strict=True)
     ]
-    pieces = [_pieces(*courses) for courses in bundles]
     strands = np.concatenate([ends for ends, _ in pieces])
     field = web_directions(tissue, rng)
     pieces += [
@@ -121,16 +126,18 @@ def draw_threads(
     return _within(ends, radii, tissue)
 
 
-def _bundles(
-    net: Net, kind: Bundles, amount: float, tissue: Tissue, rng: np.random.Generator
-) -> Courses:
-    """Fibres along the edges of a foam."""
+def _edges_in(net: Net, tissue: Tissue) -> Foam:
+    """The foam of a net, in and near tissue."""
     nodes, edges, strength = foam_edges(net_around(net, tissue.places_mm))
     kept = _near(nodes, tissue)[edges].all(axis=1) & (strength > 0.0)
     edges, strength = edges[kept], strength[kept]
     used, edges = np.unique(edges, return_inverse=True)
-    edges = edges.reshape(-1, 2)
-    nodes = _places(nodes[used], tissue)
+    return _places(nodes[used], tissue), edges.reshape(-1, 2), strength
+
+
+def _bundles(foam: Foam, kind: Bundles, amount: float, rng: np.random.Generator) -> Courses:
+    """Fibres along the edges of a foam."""
+    nodes, edges, strength = foam
     count = int(amount * kind.per_edge * strength.sum() / kind.edges)
     path, length = _walks(nodes, edges, strength, count, kind.edges, rng)
     at = nodes[path] + kind.apart_mm * rng.standard_normal((*path.shape, 3))

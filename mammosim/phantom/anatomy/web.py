@@ -4,10 +4,13 @@ few long ones."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._side_by_side import both
+from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy.noise import smooth_noise
 from mammosim.phantom.anatomy.tissue import Tissue
 
@@ -111,19 +114,35 @@ def draw_web(
 def web_directions(tissue: Tissue, rng: np.random.Generator) -> NDArray[np.float64]:
     """Unit vectors on the grid, [x, lateral, superior, 3]: swirls, lines towards the nipple, and
     along the skin."""
-
-    def slopes(part: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.stack(tuple(np.gradient(part, *tissue.frame.spacing_mm)))
-
-    first, second = (slopes(smooth_noise(rng, tissue.frame, SWIRL_MM)) for _ in range(2))
-    swirl = np.cross(first, second, axis=0)
-    swirl /= np.sqrt((swirl**2).sum(axis=0).mean())
-    _, across, along = (slopes(part) for part in tissue.coordinates_mm)
-    total = swirl + RADIAL * _unit(np.cross(across, along, axis=0), 0)
-    outwards = _unit(slopes(tissue.skin_depth_mm), 0)
+    swirl, (inwards, outwards) = both(
+        partial(_swirls, tissue.frame, rng), partial(_ways_of_breast, tissue)
+    )
+    total = swirl + RADIAL * inwards
     near_skin = np.exp(-((tissue.skin_depth_mm.clip(0.0) / 6.0) ** 2))
     total -= near_skin * (total * outwards).sum(axis=0) * outwards
     return np.ascontiguousarray(np.moveaxis(_unit(total, 0), 0, -1))
+
+
+def _swirls(frame: VoxelFrame, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Vectors, (3, x, lateral, superior), that turn without a source; 1 in the mean square."""
+    first, second = (_slopes(smooth_noise(rng, frame, SWIRL_MM), frame) for _ in range(2))
+    swirl = np.cross(first, second, axis=0)
+    swirl /= np.sqrt((swirl**2).sum(axis=0).mean())
+    return swirl
+
+
+def _ways_of_breast(tissue: Tissue) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Unit vectors, (3, x, lateral, superior), towards the nipple and into the breast."""
+    _, across, along = (_slopes(part, tissue.frame) for part in tissue.coordinates_mm)
+    return (
+        _unit(np.cross(across, along, axis=0), 0),
+        _unit(_slopes(tissue.skin_depth_mm, tissue.frame), 0),
+    )
+
+
+def _slopes(part: NDArray[np.float64], frame: VoxelFrame) -> NDArray[np.float64]:
+    """Gradient of a field, (3, x, lateral, superior), per millimetre."""
+    return np.stack(tuple(np.gradient(part, *frame.spacing_mm)))
 
 
 def _unit(vectors: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:

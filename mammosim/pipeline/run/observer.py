@@ -13,6 +13,7 @@ from typing import Any, ParamSpec, Protocol, Self, TypeVar
 
 import numpy as np
 
+from mammosim._side_by_side import signals_held
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast, CompressionSettings
 from mammosim.errors import InputError, Interrupted, NotConverged
@@ -21,7 +22,6 @@ from mammosim.phantom import BreastPhantom
 from mammosim.pipeline.configuration import RunConfig
 from mammosim.pipeline.folder import RunFolder
 from mammosim.pipeline.run.beside import WritingThread
-from mammosim.pipeline.run.side_by_side import signals_held
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 from mammosim.report import Status
 

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Unpack
 
 from mammosim._jit import one_blas_thread
+from mammosim._side_by_side import run_side_by_side
 from mammosim.acquisition import Mammogram, expose, expose_arc, lesion_visibility
 from mammosim.compression import compress
 from mammosim.config import documents_keys
@@ -22,11 +23,11 @@ from mammosim.pipeline.configuration import (
     given_config,
 )
 from mammosim.pipeline.folder import RunFolder
+from mammosim.pipeline.run.at_once import views_at_once
 from mammosim.pipeline.run.notebook_bar import notebook_bar
 from mammosim.pipeline.run.observer import Observe, RunObserver, unobserved
 from mammosim.pipeline.run.series_truth import SeriesTruth
 from mammosim.pipeline.run.shift_analysis import exam_results, with_ellipsoids
-from mammosim.pipeline.run.side_by_side import run_side_by_side, views_at_once
 from mammosim.pipeline.study import OnProgress, Study, ViewResult
 from mammosim.projection import project, project_arc
 from mammosim.reconstruction import reconstruct

@@ -1,4 +1,4 @@
-"""Views of a run that are made at the same time."""
+"""Tasks that are worked on at the same time, on threads of their own."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mammosim._crew import Crew
 from mammosim._jit import kernel_threads
 from mammosim.errors import Interrupted
-from mammosim.phantom import available_bytes
-from mammosim.pipeline.configuration import RunConfig, make_plan
 
 Result = TypeVar("Result")
+First = TypeVar("First")
+Second = TypeVar("Second")
 
 
 @contextmanager
@@ -33,28 +36,19 @@ def signals_held() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def views_at_once(config: RunConfig) -> int:
-    """How many views of a run are made at the same time.
+def dealt(turns: int) -> NDArray[np.int64]:
+    """Order in which a kernel goes through the turns of a loop whose threads take parts of it.
 
-    Parameters
-    ----------
-    config : RunConfig
-
-    Returns
-    -------
-    int
-        As many as its kernels may use threads, if memory suffices for all views; else one.
-
-    Notes
-    -----
-    Half of a compression runs on one thread however many there are. What views keep until the run
-    ends is most of their memory, so that `make_plan` counts all in any case.
+    Two threads get every second turn each, four every fourth: neighbours cost about as much.
     """
-    views = sum(len(one.resolved_views) for one in config.sides)
-    available = available_bytes()
-    if available is not None and make_plan(config).memory_gb * 1e9 > available:
-        return 1
-    return max(min(views, kernel_threads()), 1)
+    first_turns = np.arange(16).reshape(2, 2, 2, 2).T.ravel()  # 0, 8, 4, 12, ...
+    return np.concatenate([np.arange(first, turns, 16) for first in first_turns])
+
+
+def both(first: Callable[[], First], second: Callable[[], Second]) -> tuple[First, Second]:
+    """Results of two functions, called at the same time where kernels may run on two threads."""
+    results: list[Any] = run_side_by_side([first, second], min(2, kernel_threads()))
+    return results[0], results[1]
 
 
 def run_side_by_side(tasks: Sequence[Callable[[], Result]], at_once: int) -> list[Result]:
