@@ -82,14 +82,15 @@ def fibre_energy(u, fibres):
 
 
 def corner_energy(u, cells):
-    """Half the stiffness times what least squares leave of a uniform deformation, squared."""
+    """Half the stiffness times q + 4 q^2 / 2, q the square of what is no uniform deformation."""
     corners = np.array(list(np.ndindex(2, 2, 2)))
     uniform = np.column_stack([np.ones(8), corners])
     total = 0.0
     for cell, stiffness in zip(cells.cells, cells.stiffness, strict=True):
         moved = np.array([u[(slice(None), *(cell + corner))] for corner in corners])
         best, *_ = np.linalg.lstsq(uniform, moved, rcond=None)
-        total += 0.5 * stiffness * np.sum((moved - uniform @ best) ** 2)
+        left = np.sum((moved - uniform @ best) ** 2)
+        total += 0.5 * stiffness * (left + 2.0 * left**2)
     return total
 
 
