@@ -129,8 +129,6 @@ def refine_inverse(thread, displacement, per_cell, shift, rank, original):
     for i in share(thread, 0, rank.shape[0]):
         wanted = np.empty(3)
         place = np.empty(3)
-        low = np.empty(3, np.int64)
-        part = np.empty(3)
         miss = np.empty(3)
         gradient = np.empty((3, 3))
         inverse = np.empty((3, 3))
@@ -145,7 +143,7 @@ def refine_inverse(thread, displacement, per_cell, shift, rank, original):
                     place[d] = original[i, j, k, d]
                 least = np.inf
                 for _ in range(_NEWTON_STEPS):
-                    _miss_and_gradient(displacement, place, wanted, low, part, miss, gradient)
+                    _miss_and_gradient(displacement, place, wanted, miss, gradient)
                     square = miss[0] ** 2 + miss[1] ** 2 + miss[2] ** 2
                     if square >= least:
                         break
@@ -160,29 +158,34 @@ def refine_inverse(thread, displacement, per_cell, shift, rank, original):
 
 
 @kernel
-def _miss_and_gradient(displacement, place, wanted, low, part, miss, gradient):
+def _miss_and_gradient(displacement, place, wanted, miss, gradient):
     """How far the trilinear field brings a place beyond a wanted point, and the gradient of that.
 
-    Beyond the lattice the field goes on as in its outermost cells. `low` and `part` are room for
-    the cell of the place and where in it the place lies.
+    Beyond the lattice the field goes on as in its outermost cells.
     """
+    nx, ny, nz, _ = displacement.shape
+    i = min(max(int(np.floor(place[0])), 0), nx - 2)
+    j = min(max(int(np.floor(place[1])), 0), ny - 2)
+    k = min(max(int(np.floor(place[2])), 0), nz - 2)
+    fx, fy, fz = place[0] - i, place[1] - j, place[2] - k
     for d in range(3):
-        low[d] = min(max(int(np.floor(place[d])), 0), displacement.shape[d] - 2)
-        part[d] = place[d] - low[d]
-        miss[d] = place[d] - wanted[d]
-        for e in range(3):
-            gradient[d, e] = 1.0 if d == e else 0.0
-    for n in range(8):
-        a, b, c = n // 4, (n // 2) % 2, n % 2
-        x = part[0] if a else 1.0 - part[0]
-        y = part[1] if b else 1.0 - part[1]
-        z = part[2] if c else 1.0 - part[2]
-        for d in range(3):
-            value = displacement[low[0] + a, low[1] + b, low[2] + c, d]
-            miss[d] += x * y * z * value
-            gradient[d, 0] += (2 * a - 1) * y * z * value
-            gradient[d, 1] += x * (2 * b - 1) * z * value
-            gradient[d, 2] += x * y * (2 * c - 1) * value
+        here = place[d] - wanted[d]
+        along_x = 1.0 if d == 0 else 0.0
+        along_y = 1.0 if d == 1 else 0.0
+        along_z = 1.0 if d == 2 else 0.0
+        for a in range(2):
+            x, to_x = (fx, 1.0) if a else (1.0 - fx, -1.0)
+            for b in range(2):
+                y, to_y = (fy, 1.0) if b else (1.0 - fy, -1.0)
+                for c in range(2):
+                    z, to_z = (fz, 1.0) if c else (1.0 - fz, -1.0)
+                    value = displacement[i + a, j + b, k + c, d]
+                    here += x * y * z * value
+                    along_x += to_x * y * z * value
+                    along_y += x * to_y * z * value
+                    along_z += x * y * to_z * value
+        miss[d] = here
+        gradient[d, 0], gradient[d, 1], gradient[d, 2] = along_x, along_y, along_z
 
 
 @parallel_kernel

@@ -51,6 +51,8 @@ def draw_convergence(axes: Any, history: NDArray[np.void]) -> None:
     for line, colour in zip(convergence_lines(history), _COLOURS, strict=False):
         axes.semilogy(line.rows, line.values, color=colour, linewidth=1.5, label=line.label)
     axes.set_xlabel("row of convergence.csv")
+    axes.yaxis.set_major_formatter("{x:g}")  # powers of ten take longer to lay out than the rest
+    axes.yaxis.set_minor_formatter("")
     if axes.lines:
         axes.legend(frameon=False, fontsize=8)
 

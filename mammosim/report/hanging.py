@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._derived import Derived
 from mammosim._wording import counted
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast
@@ -32,6 +33,11 @@ _FONTS = 36.0  # sizes of the numbers' font in the height of a picture
 _SMALL = 0.75  # of that size: the nipple's letter
 _NAME_FONTS, _BAR_FONTS = (7.0, 2.2), 2.6  # room for the view's name, and height of the scale bar's
 
+Skin = tuple[NDArray[np.float64], NDArray[np.float64]]
+_curves: Derived[CompressedBreast, str] = Derived()
+_sections: Derived[CompressedBreast, list[SectionFrames]] = Derived()
+_skins: Derived[CompressedBreast, Skin] = Derived()
+
 
 @dataclass(frozen=True, eq=False)
 class ReportedView:
@@ -53,7 +59,8 @@ class ReportedView:
     @cached_property
     def convergence(self) -> str:
         """Drawing of the solver's history, SVG; empty if there is nothing to draw."""
-        return convergence_svg(self.compressed.history, self.compressed.view.folder)
+        history, name = self.compressed.history, self.compressed.view.folder
+        return _curves.of(self.compressed, partial(convergence_svg, history, name))
 
     @cached_property
     def findings(self) -> list[Finding]:
@@ -70,18 +77,22 @@ class ReportedView:
     @cached_property
     def sections(self) -> list[SectionFrames]:
         """Its breast in three planes, at each step of its compression."""
-        return section_frames(self.compressed)
+        return _sections.of(self.compressed, partial(section_frames, self.compressed))
 
     @cached_property
-    def skin(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def skin(self) -> Skin:
         """Points of the skin, and by how much compression moves them (`moved_skin`)."""
-        return moved_skin(self.compressed)
+        return _skins.of(self.compressed, partial(moved_skin, self.compressed))
 
     def parts(self, settings: ReportSettings) -> tuple[Callable[[], Any], ...]:
-        """What makes each part that the page has of this view alone; all take seconds together."""
-        names = ["appearance", "findings", "convergence", "sections"]
+        """What makes each part that the page has of this view alone; all take seconds together.
+
+        Before the exposure, those of the compressed breast, which are kept as long as it is; after
+        it, those of the image.
+        """
+        names = ["appearance", "findings"] if self.mammogram else ["convergence", "sections"]
         parts: list[Callable[[], Any]] = [partial(getattr, self, name) for name in names]
-        if settings.three_d:
+        if settings.three_d and not self.mammogram:
             parts += [partial(getattr, self, "skin"), plotly_gzip_base64]
         return tuple(parts)
 

@@ -174,7 +174,10 @@ class RunFolder:
             )
 
     def page_parts(self, result: ViewResult) -> tuple[Callable[[], Any], ...]:
-        """What makes the parts of the page that tell of one view alone, beside other stages."""
+        """What makes the parts of the page that tell of one view alone, beside other stages.
+
+        First called with the compressed breast, then with its image.
+        """
         if not self._config.report.html:
             return ()
         return self._reported_view(result).parts(self._config.report)

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import suppress
 from functools import partial
 from threading import Lock
 from typing import Any
 
 from mammosim._jit import use_threads
+
+NICENESS = 10
+"""Of the thread that writes: nine tenths of a core that a view wants too go to the view, since what
+comes of that can be written only when it is done."""
 
 MAX_WAITING = 12
 """Results of a view that may wait to be written: all that one has. They are in memory until the run
@@ -32,7 +40,7 @@ class WritingThread:
 
     def __init__(self, views: int = 1) -> None:
         self._most = MAX_WAITING * views
-        self._thread = ThreadPoolExecutor(1, "writing", initializer=use_threads, initargs=(1,))
+        self._thread = ThreadPoolExecutor(1, "writing", initializer=_give_way)
         self._waiting: deque[tuple[Future[None], Callable[[], None]]] = deque()
         self._handing_over = Lock()
 
@@ -88,6 +96,14 @@ class WritingThread:
             if first.exception() is not None:
                 self._waiting = deque(task for task in self._waiting if not task[0].cancel())
             first.result()
+
+
+def _give_way() -> None:
+    """Leave kernels' threads and the processor to the stages, as far as they want them."""
+    use_threads(1)
+    if sys.platform == "linux":  # where each thread has a priority of its own
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
 
 
 def _write(note: Callable[[float], None], write: Callable[..., Any], *arguments: Any) -> None:

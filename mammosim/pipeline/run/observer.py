@@ -147,8 +147,7 @@ class RunObserver:
         self._views[folder] = result
         if self._output is not None:
             self._hand_over(f"{folder}.export", self._output.write_view, result)
-            for part in self._output.page_parts(result):
-                self._hand_over(f"{folder}.report", part)
+            self._hand_over_page_parts(result)
 
     def keep_draw(self, number: int, mammogram: Mammogram) -> None:
         """Write one of several draws of a view's noise; none is kept in memory."""
@@ -227,16 +226,23 @@ class RunObserver:
             if stop.reached is not None:
                 self._keep_compression(stop.reached, breast)
             raise
-        self._keep_compression(compressed, breast)
+        self._hand_over_page_parts(self._keep_compression(compressed, breast))
         return compressed
 
-    def _keep_compression(self, compressed: CompressedBreast, breast: BreastPhantom) -> None:
+    def _keep_compression(self, compressed: CompressedBreast, breast: BreastPhantom) -> ViewResult:
         folder = compressed.view.folder
-        self._views[folder] = ViewResult(compressed)
+        result = self._views[folder] = ViewResult(compressed)
         if self._output is not None:
             volumes = f"{folder}.volumes"
             self._hand_over(volumes, self._output.write_phantom, breast)
             self._hand_over(volumes, self._output.write_compression, compressed)
+        return result
+
+    def _hand_over_page_parts(self, result: ViewResult) -> None:
+        """Have the parts made that the page has of this view alone, as far as it came."""
+        if self._output is not None:
+            for part in self._output.page_parts(result):
+                self._hand_over(f"{result.compressed.view.folder}.report", part)
 
     def _hand_over(self, stage: str, write: Callable[..., Any], *arguments: Any) -> None:
         """Have something written beside the stages that follow, and add its time to a stage's."""
