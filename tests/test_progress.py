@@ -28,7 +28,9 @@ PLAN = Plan(
         PlannedStage("", "phantom", 20.0),
         PlannedStage("CC", "compression", 40.0),
         PlannedStage("CC", "projection", 20.0),
-        PlannedStage("MLO", "compression", 20.0),
+        PlannedStage("MLO", "compression", 16.0),
+        PlannedStage("", "export", 3.0),
+        PlannedStage("", "report", 1.0),
     ),
 )
 
@@ -78,7 +80,7 @@ def test_plain_lines_say_once_a_stage_that_kernels_are_compiled(fresh_kernel, ca
         "LCC: compressing (20 %, ends)",
         "LCC: compressing: compiling this stage's code, only in the first run on a machine, "
         "about 30 s in all",
-        "writing the report (100 %, ends)",
+        "writing the report (99 %, ends)",
     ]
 
 
@@ -156,8 +158,13 @@ def test_the_share_follows_the_plan_and_the_end_the_pace():
     run.report("LCC", "targets")
     run.report("LMLO", "compression")
     assert run.share == pytest.approx(0.8)
+    run.report("", "lesion shift")  # not planned
+    assert run.share == pytest.approx(0.96)
+    run.report("", "export")
     run.report("", "report")
-    assert (run.share, run.seconds_left) == (1.0, 0.0)
+    assert run.share == pytest.approx(0.99)  # what is written last counts too
+    clock.now += 100.0
+    assert run.share == pytest.approx(0.99 + 0.95 * 0.01)
 
 
 def test_views_that_are_made_at_the_same_time_add_up():
@@ -169,9 +176,9 @@ def test_views_that_are_made_at_the_same_time_add_up():
     clock.now = 10.0
     assert run.share == pytest.approx(0.2 + 0.1 + 0.1)
     run.report("LMLO", "projection")  # not planned
-    assert run.share == pytest.approx(0.2 + 0.1 + 0.2)
+    assert run.share == pytest.approx(0.2 + 0.1 + 0.16)
     run.report("LCC", "projection")
-    assert run.share == pytest.approx(0.2 + 0.4 + 0.2)
+    assert run.share == pytest.approx(0.2 + 0.4 + 0.16)
 
 
 def test_both_breasts_have_their_own_part_of_the_plan():

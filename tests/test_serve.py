@@ -119,8 +119,8 @@ def finished(tmp_path_factory) -> Path:
     events = [line for line in result.output.splitlines() if line.startswith("{")]
     for line in events:
         job.take(json.loads(line))
-    assert job.share == 1.0
-    assert job.text.startswith("writing the report (100 %")
+    assert 0.5 < job.share < 1.0  # the page is still to be written
+    assert job.text.startswith("writing the report (")
     assert job.rows["LCC"]
     assert all(isinstance(value, float) for value in job.rows["LCC"][0].values())
     return run

@@ -58,9 +58,9 @@ BYTES_PER_NODE = 1550.0
 """Of the lattice's box; displacement and force in double precision; a block stencil holds 126
 numbers per node, and so does its copy in bundles, for the part of the box that is tissue."""
 
-SECONDS_PER_COMPRESSION, SECONDS_PER_NODE = 2.0, 2e-4
+SECONDS_PER_COMPRESSION, SECONDS_PER_NODE = 1.0, 5e-5
 """Of the lattice's box, with the search of the plates' height; threads hardly share them. Measured
-with the set `aspiration`: 1.3e-4 to 2.5e-4 s per node for elements of 3 and 6 mm, MLO above CC."""
+with the set `aspiration`: 3.1e-5 s per node in CC and 6e-5 in MLO for elements of 3 mm."""
 
 FRICTION_REPEATS = 3.0
 """Factor of that time with friction, whose pressure is found by repetition; 1 to 4 were seen."""

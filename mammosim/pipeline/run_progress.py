@@ -65,7 +65,6 @@ class RunProgress:
         self._done: set[int] = set()
         self._running: dict[str, tuple[int, float]] = {}
         self._began = clock()
-        self._ended = False
 
     def report(self, view: str, stage: str) -> None:
         """Note that a stage begins; the view's stage before it is done.
@@ -73,7 +72,6 @@ class RunProgress:
         All that the plan has before a stage of the whole run is done then, and what it has for the
         whole run before a stage of a view.
         """
-        self._ended = stage == "report"
         for name in list(self._running) if not view else ["", view]:
             if name in self._running:
                 self._done.add(self._running.pop(name)[0])
@@ -96,8 +94,6 @@ class RunProgress:
     @property
     def share(self) -> float:
         """Part of the run that is done, 0 to 1."""
-        if self._ended:
-            return 1.0
         done, now = sum(self._stages[place].seconds for place in self._done), self._clock()
         for place, began in self._running.values():
             done += min(now - began, MAX_STAGE_SHARE * self._stages[place].seconds)

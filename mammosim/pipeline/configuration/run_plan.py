@@ -40,6 +40,10 @@ draw's images, where several realisations are made."""
 BYTES_PER_MAPPED_MM3 = 80.0
 """Of a dose map: each of 16 batches' energy in a coarse voxel of 1 mm, and the voxel itself."""
 
+SECONDS_PER_WRITTEN_PIXEL, SECONDS_PER_MEASURED_PIXEL, SECONDS_PER_PAGE_PIXEL = 2e-7, 4e-7, 1e-7
+"""Files of a view's image, what the page tells of it, and the page. Measured in the quickstart: 1,
+2 and 0.5 s a view behind the last exposure; volumes are written beside the stages before."""
+
 SECONDS_PER_DRAWN_PIXEL = 6e-7
 """Noise and processing of one more draw, and its files."""
 
@@ -66,7 +70,7 @@ UNEVEN_IODINE = (
 START_S = 5.0
 """Until the first stage begins, s."""
 
-SECONDS_PER_VOXEL = {"file": 4e-8, "generate": 5e-8}
+SECONDS_PER_VOXEL = {"file": 4e-8, "generate": 3e-8}
 SECONDS_PER_PIXEL = 2.5e-6
 """Time for a phantom's voxels, and for tracing and exposing a pixel, s: rough, for the estimate of
 `check` only."""
@@ -145,18 +149,25 @@ def make_plan(config: RunConfig) -> Plan:
     stages = [side.phantom_stage for side in sides]
     stages += [stage for side in sides for stage in side.view_stages]
     stages += [stage for side in sides for stage in side.sample_stages]
+    pixels = sum(side.pixels for side in sides)
+    measured = SECONDS_PER_MEASURED_PIXEL if config.report.html else 0.0
+    stages += [
+        PlannedStage("", "export", pixels * (SECONDS_PER_WRITTEN_PIXEL + measured)),
+        PlannedStage("", "report", pixels * SECONDS_PER_PAGE_PIXEL),
+    ]
     warnings = dict.fromkeys(text for one in config.sides for text in _warnings(one))
     return Plan(tuple(lines), memory / 1e9, tuple(stages), tuple(warnings))
 
 
 @dataclass(frozen=True)
 class _SidePlan:
-    """What one breast takes: its plan in words, voxels, views, bytes of its largest view, and its
-    stages."""
+    """What one breast takes: its plan in words, voxels, views, pixels of all, bytes of its largest
+    view, and its stages."""
 
     lines: tuple[str, ...]
     voxels: int
     views: int
+    pixels: float
     view_bytes: float
     mask_bytes: float
     phantom_stage: PlannedStage
@@ -174,7 +185,7 @@ def _plan_side(config: RunConfig, named: str) -> _SidePlan:
     made = PlannedStage("", "phantom", voxels * SECONDS_PER_VOXEL[kind])
     stages: list[PlannedStage] = []
     sampled: list[PlannedStage] = []
-    largest = masks = 0.0
+    largest = masks = all_pixels = 0.0
     lesions = len(config.phantom.lesions)
     for view in config.resolved_views:
         compression, projection, sweep = view.compression, view.projection, view.tomosynthesis
@@ -194,6 +205,7 @@ def _plan_side(config: RunConfig, named: str) -> _SidePlan:
             ]
         height, width = projection.detector_mm or (240.0, 180.0)
         pixels = height * width / projection.pixel_mm**2
+        all_pixels += pixels
         stack, drawn = _picture_bytes(view, pixels, voxels * voxel_volume_mm3)
         largest = max(largest, lattice_bytes + pixels * BYTES_PER_PIXEL + stack + drawn)
         masks = max(masks, pixels * lesions * BYTES_PER_LESION_PIXEL)
@@ -212,7 +224,8 @@ def _plan_side(config: RunConfig, named: str) -> _SidePlan:
             )
         lines.append(line)
     return _SidePlan(
-        tuple(lines), voxels, len(config.resolved_views), largest, masks, made, tuple(stages),
+        tuple(lines), voxels, len(config.resolved_views), all_pixels, largest, masks, made,
+        tuple(stages),
         tuple(sorted(sampled, key=lambda stage: stage.stage)),  # biopsies before uncertainty
     )  # fmt: skip
 
