@@ -23,6 +23,7 @@ from mammosim.acquisition.exposure import under_spot_paddle
 from mammosim.acquisition.exposure_limits import WHITE, with_warnings
 from mammosim.acquisition.fat_level import fat_attenuation
 from mammosim.acquisition.keys import AcquisitionKeys
+from mammosim.acquisition.looks import look_of
 from mammosim.acquisition.mammogram import ContrastPair, Dose, GlandularDose, Mammogram
 from mammosim.acquisition.presentation import present
 from mammosim.acquisition.recording import DetectorInput, Exposure, detector_input, record
@@ -89,6 +90,7 @@ def expose(
     pixels.
     """
     settings = given_settings(AcquisitionSettings, settings, keys, "expose()", ("acquisition",))
+    settings = settings.of_unit(seed)
     incident = detector_input(
         paths, settings, breast, seed=seed, dose_map=dose_map, keep_primary=True
     )
@@ -190,7 +192,8 @@ def mammogram_of(
     log_attenuation_kernel(signal, air_signal, mean_depth, rays_of(gantry), signal)
     spot = gantry.view.spot
     pressed = under_spot_paddle(coarse.tissue_mm, paths.thickness_mm) if spot else None
-    picture = present(signal, gantry.pixel_mm, fat_attenuation(incident), settings.look, pressed)
+    look = look_of(settings.look, settings.unit_seed)
+    picture = present(signal, gantry.pixel_mm, fat_attenuation(incident), look, pressed)
 
     dose, factors = dose_of(incident, exposure.mas)
     detector_kerma = beam.kerma_mgy_mas(gantry.focal_spot_height_mm) * exposure.mas

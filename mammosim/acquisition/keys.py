@@ -120,10 +120,14 @@ class AcquisitionKeys(TypedDict, total=False):
     """Detector: a-Se-70, a-Se-85, CsI-100 or ideal; each works with any pixel size. Default:
     a-Se-70."""
 
-    look: Literal["crisp", "soft"]
+    look: Literal["drawn", "crisp", "soft"]
     """Processing of the For Presentation image: crisp enhances local contrast and leaves the grain
-    visible, soft does little of either. The For Processing image does not change. Default:
-    crisp."""
+    visible, soft does little of either, drawn is that of a unit of the seed, crisp or more so. The
+    For Processing image does not change. Default: drawn."""
+
+    unit_seed: int | None
+    """Seed of the unit whose processing is drawn, to see all women at the same; default: the run's
+    seed."""
 
     noise: bool
     """Whether quantum, electronic and fixed-pattern noise are added. Default: True."""

@@ -122,7 +122,7 @@ what they lack is added."""
 
 
 def missing_attenuation(
-    coarse: F64, margin: Margin, fat: float | None = None
+    coarse: F64, margin: Margin, fat: float | None = None, skin_rise: float = 1.0
 ) -> tuple[F64, F64, float]:
     """What each place lacks against fat at full thickness.
 
@@ -133,6 +133,8 @@ def missing_attenuation(
     margin : Margin
     fat : float, optional
         Attenuation of fat at full thickness; default: estimated from the image.
+    skin_rise : float
+        Length of the skin line's ramp over that of `EDGE_RISE_MM` and `EDGE_RISE_PART`.
 
     Returns
     -------
@@ -162,7 +164,7 @@ def missing_attenuation(
     expected = _at_depth(rings, depth_mm, rounding, plateau)
     sigma = PROFILE_SIGMA_MM / margin.cell_mm
     expected = ndimage.gaussian_filter(np.maximum(expected, 0.0), sigma, mode="nearest")
-    ramp_mm = EDGE_RISE_MM + EDGE_RISE_PART * rounding
+    ramp_mm = skin_rise * (EDGE_RISE_MM + EDGE_RISE_PART * rounding)
     rise = depth_mm / ramp_mm
     if not margin.body[margin.breast].all():
         expected, rise = _with_nipple(expected, rise, ramp_mm, coarse, margin)

@@ -11,7 +11,7 @@ from scipy import ndimage
 from mammosim.acquisition._kernels import ToneCurve, present_kernel
 from mammosim.acquisition.blocks import block_mean, cell_pixels
 from mammosim.acquisition.breast_outline import Margin, find_margin, wall_is_left
-from mammosim.acquisition.looks import LOOKS, SHARP_LIMIT, SHARP_MM, Look
+from mammosim.acquisition.looks import SHARP_LIMIT, SHARP_MM, Look, look_of
 from mammosim.acquisition.margin import missing_attenuation, raised_edge
 from mammosim.acquisition.muscle import muscle_of
 
@@ -43,12 +43,12 @@ FAT_GREY, GLAND_GREY = 0.10, 0.64
 """Grey of fat and of gland. On clinical images the 5th percentile of grey in the breast is 0.08 to
 0.22 (twelve CC; mean 0.12) and 0.09 to 0.12 (five MLO), the 99th 0.55 to 0.75."""
 
-TOE, SHOULDER, WHITE = 0.55, 0.58, 0.86
-"""Grey below and above which the base bends, and that the shoulder nears. The toe reaches nearly up
-to gland, so that bright lines stand out more than dark ones within gland too, and shows half of
-gland's attenuation at a quarter of the range, for clinical medians are 0.20 to 0.36. Muscle, with
-two to four times the contrast of gland, lies on the shoulder; on clinical MLO images it is at 0.34
-to 0.81."""
+TOE, SHOULDER = 0.55, 0.58
+"""Grey below and above which the base bends; the shoulder nears the look's white. The toe reaches
+nearly up to gland, so that bright lines stand out more than dark ones within gland too, and shows
+half of gland's attenuation at a quarter of the range, for clinical medians are 0.20 to 0.36.
+Muscle, with two to four times the contrast of gland, lies on the shoulder; on clinical MLO images
+it is at 0.34 to 0.81."""
 
 DETAIL_CONTRAST = 0.55
 """Weak details are shown as if the contrast (ln) of gland above fat were no larger: those of dense
@@ -87,7 +87,7 @@ def present(
     attenuation: NDArray[np.float32],
     pixel_mm: float,
     fat: float | None = None,
-    look: str = "crisp",
+    look: str | Look = "crisp",
     region: NDArray[np.bool_] | None = None,
 ) -> Presentation:
     """Make the For Presentation image from a flat-fielded logarithmic image.
@@ -101,8 +101,8 @@ def present(
     fat : float, optional
         Attenuation of fat that fills the gap between the plates, which a scanner knows from
         thickness and beam; default: estimated from the image.
-    look : {"crisp", "soft"}
-        See `LOOKS`.
+    look : {"crisp", "soft"} or Look
+        See `looks`.
     region : ndarray of bool, [row, column], optional
         Part of the breast that the image is made for, on any coarser grid over the same field: the
         levels are taken there. Default: all of it.
@@ -129,12 +129,13 @@ def present(
     At any one place more attenuation is always brighter (except for the overshoot of the raised
     detail); nothing is clipped.
     """
+    unit = look_of(look) if isinstance(look, str) else look
     cell = cell_pixels(CELL_MM, pixel_mm)
     coarse = block_mean(attenuation, cell)
     margin = find_margin(coarse, cell * pixel_mm)
     pixels = np.zeros(attenuation.shape, np.uint16)
     if margin is not None:
-        missing, rise, plateau = missing_attenuation(coarse, margin, fat)
+        missing, rise, plateau = missing_attenuation(coarse, margin, fat, unit.skin_rise)
         equalized = coarse + missing
         low, contrast = _levels(equalized, margin, plateau, _resampled(region, coarse.shape))
         raised = raised_edge(equalized, margin, rise, low, contrast)
@@ -143,9 +144,9 @@ def present(
         base, even = _base(level, BASE_RADIUS_MM / margin.cell_mm)
         middle, _ = _base(level, MIDDLE_RADIUS_MM / margin.cell_mm)
         fat_place = TOE * (1.0 + np.log(FAT_GREY / TOE))  # what the toe shows as fat's grey
-        gains = np.array(LOOKS[look].gains) * max(contrast / DETAIL_CONTRAST, 1.0)
-        curve = ToneCurve(low, contrast, fat_place, GLAND_GREY, TOE, SHOULDER, WHITE, *gains)
-        smooth = _restored(attenuation, LOOKS[look], pixel_mm)
+        gains = np.array(unit.gains) * max(contrast / DETAIL_CONTRAST, 1.0)
+        curve = ToneCurve(low, contrast, fat_place, GLAND_GREY, TOE, SHOULDER, unit.white, *gains)
+        smooth = _restored(attenuation, unit, pixel_mm)
         present_kernel(
             smooth, missing, rise, base, middle, even, float(cell), curve, float(MAXIMUM), pixels
         )

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema, 
 
 from mammosim.acquisition.attenuation import SUPPORT_MATERIALS
 from mammosim.acquisition.detectors import DETECTORS
-from mammosim.acquisition.looks import LOOKS
+from mammosim.acquisition.looks import DRAWN, LOOKS
 from mammosim.acquisition.scatter import DEFAULT_SCATTER, SCATTER_MODELS
 from mammosim.acquisition.spectrum import FILTER_MM
 from mammosim.acquisition.tube import KVP_RANGE, TARGETS
@@ -73,7 +73,7 @@ SupportMaterial = Annotated[
     str, AfterValidator(_one_of(SUPPORT_MATERIALS)), _names(SUPPORT_MATERIALS)
 ]
 Calcification = Annotated[str, AfterValidator(_one_of(CALCIFICATIONS)), _names(CALCIFICATIONS)]
-LookName = Annotated[str, AfterValidator(_one_of(LOOKS)), _names(LOOKS)]
+LookName = Annotated[str, AfterValidator(_one_of((DRAWN, *LOOKS))), _names((DRAWN, *LOOKS))]
 Voltage = Annotated[float | None, AfterValidator(_voltage), _numbers(*KVP_RANGE)]
 TubeLoad = Annotated[float | None, AfterValidator(_some_dose), _numbers(*MAS_RANGE)]
 Composition = Annotated[str, AfterValidator(_set_or_file)]
@@ -205,9 +205,14 @@ class AcquisitionSettings(Settings):
     detector: DetectorName = "a-Se-70"
     """Detector: a-Se-70, a-Se-85, CsI-100 or ideal; each works with any pixel size."""
 
-    look: LookName = "crisp"
+    look: LookName = DRAWN
     """Processing of the For Presentation image: crisp enhances local contrast and leaves the grain
-    visible, soft does little of either. The For Processing image does not change."""
+    visible, soft does little of either, drawn is that of a unit of the seed, crisp or more so. The
+    For Processing image does not change."""
+
+    unit_seed: int | None = Field(default=None, ge=0, le=2**63 - 1)
+    """Seed of the unit whose processing is drawn, to see all women at the same; default: the run's
+    seed."""
 
     noise: bool = True
     """Whether quantum, electronic and fixed-pattern noise are added."""
@@ -226,6 +231,10 @@ class AcquisitionSettings(Settings):
         if isinstance(self.scatter, bool):
             return DEFAULT_SCATTER if self.scatter else "none"
         return self.scatter.model
+
+    def of_unit(self, seed: int) -> Self:
+        """These settings with a seed for the unit, unless they name one."""
+        return self if self.unit_seed is not None else self.model_copy(update={"unit_seed": seed})
 
     @model_validator(mode="after")
     def _heel_of_a_known_tube(self) -> Self:

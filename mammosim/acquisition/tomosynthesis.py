@@ -149,6 +149,7 @@ def expose_arc(
     grid cut-off.
     """
     settings = given_settings(AcquisitionSettings, settings, keys, "expose_arc()", ("acquisition",))
+    settings = settings.of_unit(seed)
     if "grid" not in settings.model_fields_set:
         settings = settings.model_copy(update={"grid": False})
     watch = watch or (lambda index, paths: None)

@@ -122,18 +122,22 @@ def grey(attenuation, missing, rise, base, middle, even, curve):
     weak *= inner * np.tanh(strength) / strength
     strong = level - base - weak.sum()
     weak *= (curve.wide_gain, 1.0 + (curve.fine_gain - 1.0) * (0.5 + 0.5 * even))
-    enhanced = weak.sum()
+    gain = 1.0 + (curve.fine_gain - 1.0) * (0.5 + 0.5 * even)
+    growth = np.exp(max(base - curve.fat, 0.0) / 2.0)
+    grain = gain * 0.012 * growth * np.tanh(weak[1] / gain / 0.012 / growth)
+    enhanced = weak.sum() - grain
     # where the toe is flatter than 0.34, weak detail is raised to that slope, by 20 at most
     toe_slope = np.clip(below / curve.toe, 0.05, 1.0)
     raised = straight + slope * (strong + max(0.34 / toe_slope, 1.0) * enhanced)
-    # the derivative of the shoulder, no less than 0.32; but for weak detail 0.75 away from steps if
-    # it is wide, and if it is fine the square, no less than 0.4
+    # the derivative of the shoulder, no less than 0.32; but for weak wide detail 0.75 away from
+    # steps; grain, less where it grows, moves along a sigmoid instead
     left = (curve.white - below) / (curve.white - curve.shoulder)
     shoulder_slope = np.clip(left**2, 0.32, 1.0)
     shown = below + shoulder_slope * (with_toe(raised) - with_toe(straight))
-    wide = max(0.75 - shoulder_slope, 0.0) * even
-    fine = max(shoulder_slope**2, 0.4) - shoulder_slope
-    shown += slope * (np.array([wide, fine]) @ weak)
+    shown += slope * max(0.75 - shoulder_slope, 0.0) * even * weak[0]
+    shown = np.clip(shown, 1e-9, 1.0 - 1e-9)
+    odds = shown / (1.0 - shown) * np.exp(2.8 * slope * grain / growth)
+    shown = odds / (1.0 + odds)
     shown = bent(max(shown, 0.0), 0.0, 0.85, 1.0)
     return part * shown * min(1.0, np.exp((raised - (curve.fat_grey - 0.4)) / 0.1))
 

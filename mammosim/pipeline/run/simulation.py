@@ -171,8 +171,8 @@ def simulate_view(
     compressed = observe(compress)(breast, position, view.compression, seed=seed)
     paths = observe(project)(compressed, view.projection)
     mammogram = observe(expose)(
-        paths, view.acquisition, seed=noise_seed(seed, position.folder), dose_map=view.dose_map,
-        watch=watch_draws,
+        paths, view.acquisition.of_unit(seed), seed=noise_seed(seed, position.folder),
+        dose_map=view.dose_map, watch=watch_draws,
     )  # fmt: skip
     visible = observe(lesion_visibility)(breast, paths, mammogram, view.acquisition)
     targets = observe(find_targets)(compressed, paths, visible, first_id)
@@ -195,7 +195,10 @@ def simulate_series(
     arc = observe(project_arc)(compressed, view.tomosynthesis, view.projection)
     truth = SeriesTruth(compressed, first_id)
     series = observe(expose_arc)(
-        arc, view.acquisition, seed=noise_seed(seed, position.folder), watch=truth.gather
+        arc,
+        view.acquisition.of_unit(seed),
+        seed=noise_seed(seed, position.folder),
+        watch=truth.gather,
     )
     settings = view.tomosynthesis.reconstruct if view.tomosynthesis else None
     slices = observe(reconstruct)(series, settings) if settings else None
