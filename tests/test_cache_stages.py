@@ -77,6 +77,7 @@ def test_a_folder_holds_what_is_made_without_one(user, first):
     np.testing.assert_array_equal(resumed.views["LCC"].compressed.phantom.labels, held.labels)
 
 
+@pytest.mark.usefixtures("breasts_are_made_once")
 @pytest.mark.parametrize(
     ("change", "reused"),
     [

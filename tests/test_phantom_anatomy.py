@@ -517,10 +517,10 @@ def test_no_two_breasts_have_the_same_shape():
     """Of one volume: the box around each pair differs somewhere, most by two coarse voxels."""
     outlines = []
     for seed in range(6):
-        breast = generate_phantom("b", 4.0, seed, volume_ml=600.0)
-        index = np.argwhere(breast.labels != 0)
-        low = breast.frame.position_mm(index.min(axis=0))
-        high = breast.frame.position_mm(index.max(axis=0))
+        outline = generate_outline(GenerateSettings(voxel_mm=4.0, volume_ml=600.0), seed)
+        index = np.argwhere(outline.labels != 0)
+        low = outline.frame.position_mm(index.min(axis=0))
+        high = outline.frame.position_mm(index.max(axis=0))
         outlines.append([*low[1:], *high])
     outlines = np.array(outlines)
     apart = np.abs(outlines[:, None] - outlines).max(axis=2)[np.triu_indices(6, 1)]

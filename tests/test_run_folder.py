@@ -26,6 +26,8 @@ from mammosim.pipeline import RunFolder
 from mammosim.pipeline.folder import run_folder
 from mammosim.pipeline.run import observer
 
+pytestmark = pytest.mark.usefixtures("breasts_are_made_once")
+
 GENERATED = {
     **SMALL,
     "phantom": {"generate": {"volume_ml": 200, "voxel_mm": 3.0, "density": "fatty"}},
