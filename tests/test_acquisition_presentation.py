@@ -3,6 +3,7 @@ import pytest
 from naive.acquisition import half_disc
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
+from mammosim.acquisition.breast_outline import without_nipple
 from mammosim.acquisition.looks import LOOKS
 from mammosim.acquisition.muscle import muscle_of
 from mammosim.acquisition.presentation import FAT_GREY, MAXIMUM, present
@@ -86,6 +87,18 @@ def test_a_nipple_is_brighter_than_fat_and_joins_the_breast():
     ramp = distance_transform_edt(inside) * PIXEL_MM < 1.0
     assert change[far & ~ramp].max() < 0.002 * MAXIMUM
     assert change[far].max() < 0.015 * MAXIMUM
+
+
+def test_what_ends_at_the_chest_wall_is_no_nipple():
+    """A bit of abdomen below the inframammary fold is shown as the breast beside it."""
+    _, inside, _ = compressed_breast()
+    _, nipple = with_nipple(np.zeros(SHAPE, np.float32), inside)
+    rows, columns = np.indices(SHAPE)
+    abdomen = ((rows - 620) / 60.0) ** 2 + (columns / 40.0) ** 2 < 1.0
+    breast = inside | nipple | abdomen
+    body = without_nipple(breast, PIXEL_MM)
+    assert body[abdomen].all()
+    assert not body[nipple & ~half_disc(SHAPE, PIXEL_MM, 52.0)].any()
 
 
 def test_more_attenuation_in_the_nipple_is_brighter():

@@ -29,10 +29,12 @@ from mammosim.phantom.anatomy import (
 )
 from mammosim.phantom.anatomy.axilla import along_mm, draw_axilla
 from mammosim.phantom.anatomy.body import draw_body
+from mammosim.phantom.anatomy.fold import draw_fold
 from mammosim.phantom.anatomy.muscle import draw_muscle, fit_volume
 from mammosim.phantom.anatomy.outline import Outline, coarse_frame, mesh, near_depth, skin_depth
 from mammosim.phantom.anatomy.parenchyma import draw_parenchyma
 from mammosim.phantom.anatomy.shape import draw_shape, like
+from mammosim.phantom.open_end import abdominal_counts
 from mammosim.phantom.size import expected_voxels
 from mammosim.tissues import TISSUES
 
@@ -55,6 +57,14 @@ def from_open_end(breast):
     y, z = np.ix_(*axes)
     end = breast.open_end
     return end.point_mm @ end.normal - y * end.normal[1] - z * end.normal[2]
+
+
+def part_ml(breast, side):
+    """Volume without muscle on the axilla's side of the nipple (1) or the other (-1), mL."""
+    own = (breast.labels != 0) & (breast.labels != LABEL["muscle"])
+    points = breast.frame.position_mm(np.argwhere(own))
+    there = side * along_mm(points[:, 1], points[:, 2]) > 0.0
+    return there.sum() * np.prod(breast.voxel_mm) / 1000.0
 
 
 def test_outline_alone_is_that_of_the_breast():
@@ -479,8 +489,15 @@ def test_the_open_end_has_no_skin_and_other_views_leave_it_off(scattered):
     edge[:3] = False
     own = np.isin(held.labels[edge], [LABEL[name] for name in ("skin", "nipple", "duct")])
     assert own.mean() > 0.99
-    off = phantom_summary(scattered).breast_ml - phantom_summary(held).breast_ml
-    assert 5.0 < off < 160.0  # the axilla is broad, up to the upper edge of an MLO image
+    axilla, abdomen = (
+        np.subtract(*(part_ml(breast, side) for breast in (scattered, held))) for side in (1, -1)
+    )
+    assert 5.0 < axilla < 160.0  # it is broad, up to the upper edge of an MLO image
+    assert 10.0 < abdomen < 60.0
+    summary = phantom_summary(scattered)
+    rest = sum(summary.volume_ml.values()) - summary.volume_ml["muscle"] - summary.breast_ml
+    # The abdominal wall is no part of the breast. Other views turn muscle near their skin into fat.
+    assert rest == pytest.approx(abdomen, rel=0.1)
     assert without_open_end(held) is held
 
 
@@ -548,10 +565,45 @@ def test_extremes_stay_within_the_coarse_grid(volume):
     assert phantom_summary(breast).breast_ml == pytest.approx(volume, rel=0.1)
 
 
+def test_the_skin_turns_into_the_abdominal_wall_below_the_breast(scattered):
+    """Opposite the axilla the outline has a hollow, which views other than oblique ones leave out;
+    there is no gland below it."""
+    held = without_open_end(scattered)
+
+    def reach(breast):
+        """Greatest x of tissue at each 2 mm below the nipple, mm; 0 where there is none."""
+        points = breast.frame.position_mm(np.argwhere(breast.labels > 0))
+        below = (-along_mm(points[:, 1], points[:, 2]) // 2.0).astype(int)
+        most = np.zeros(100)
+        np.maximum.at(most, below[below >= 0], points[below >= 0, 0])
+        return most
+
+    whole, alone = reach(scattered), reach(held)
+    fold = int(np.flatnonzero(np.diff(whole) > 0.5).min())
+    assert 10.0 < whole[fold] < whole[fold:].max() - 2.0 < 30.0
+    assert (np.diff(alone) < 1.0).all()
+    assert alone[fold + 6] < whole[fold + 6] - 8.0
+    gland = scattered.frame.position_mm(np.argwhere(scattered.labels == LABEL["gland"]))
+    below = -along_mm(gland[:, 1], gland[:, 2]) > 2.0 * (fold + 2)
+    assert below.mean() < 1e-3
+
+
+def test_what_lies_below_the_fold_is_counted_by_label(scattered):
+    end, frame = scattered.open_end, scattered.frame
+    tissue = np.argwhere(scattered.labels != 0)
+    points = frame.position_mm(tissue)
+    left_out = (end.held_depth_at(points) < 0.0) & (points @ end.normal < 0.0)
+    labels = scattered.labels[tuple(tissue[left_out].T)]
+    counted = abdominal_counts(scattered)
+    np.testing.assert_allclose(counted, np.bincount(labels, minlength=256), atol=5)
+    assert counted[LABEL["adipose"]] > counted[LABEL["skin"]] > 0
+    assert not abdominal_counts(without_open_end(scattered)).any()
+
+
 def test_skin_depth_is_a_distance():
     rng = np.random.default_rng(1)
     shape = draw_shape(600.0, rng)
-    outline = Outline(shape, draw_axilla(shape, rng))
+    outline = Outline(shape, draw_axilla(shape, rng), draw_fold(shape, rng))
     frame = coarse_frame(outline)
     depth = skin_depth(outline, frame)
     gradient = np.gradient(depth, 2.0)
@@ -565,6 +617,7 @@ def test_skin_depth_is_a_distance():
 def test_fit_volume_scales_shape_not_its_proportions():
     rng = np.random.default_rng(2)
     shape, muscle = draw_shape(400.0, rng), draw_muscle(rng)
-    fitted = fit_volume(Outline(shape, draw_axilla(shape, rng)), muscle, 400.0).shape
+    outline = Outline(shape, draw_axilla(shape, rng), draw_fold(shape, rng))
+    fitted = fit_volume(outline, muscle, 400.0).shape
     assert fitted.depth_mm / fitted.radius_mm == pytest.approx(shape.depth_mm / shape.radius_mm)
     assert fitted.fullness == shape.fullness

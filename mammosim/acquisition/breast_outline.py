@@ -84,6 +84,8 @@ def _breast_mask(coarse: F64) -> NDArray[np.bool_]:
 def without_nipple(breast: NDArray[np.bool_], cell_mm: float) -> NDArray[np.bool_]:
     """The breast without what protrudes from its rounded outline; the image border is none.
 
+    What ends at the border is no nipple but, at the chest wall, a bit of the abdomen.
+
     Parameters
     ----------
     breast : ndarray of bool, [row, column]
@@ -100,6 +102,8 @@ def without_nipple(breast: NDArray[np.bool_], cell_mm: float) -> NDArray[np.bool
     labels, count = ndimage.label(breast & (beyond > 0.0))
     far = ndimage.maximum(beyond * cell_mm, labels, np.arange(1, count + 1))
     nipples = 1 + np.flatnonzero(np.asarray(far) >= MIN_NIPPLE_MM)
+    ends = (labels[0], labels[-1], labels[:, 0], labels[:, -1])
+    nipples = np.setdiff1d(nipples, np.concatenate(ends))
     body: NDArray[np.bool_] = breast & ~np.isin(labels, nipples)
     return body
 

@@ -134,3 +134,32 @@ def copy_held(
                     elif here < cover_mm and label == muscle:
                         label = fat
                 out_held[i, j - first[0], k - first[1]] = label
+
+
+@parallel_kernel
+def count_left_out(
+    thread: Thread,
+    depth: CoarseDepth,
+    along_y_mm: NDArray[np.float64],
+    along_z_mm: NDArray[np.float64],
+    labels: NDArray[np.uint8],
+    out_counts: NDArray[np.int64],
+) -> None:
+    """Add to `out_counts` [x, 256] the labels outside of the held breast, away from the open end.
+
+    Those are voxels at which `along_y_mm` [y] and `along_z_mm` [z], the way to the open end, have a
+    negative sum.
+    """
+    for i in share(thread, 0, labels.shape[0]):
+        line = np.empty(depth.mm.shape[2], np.float32)
+        for j in range(labels.shape[1]):
+            loaded = False
+            for k in range(labels.shape[2]):
+                label = labels[i, j, k]
+                if label == 0 or along_y_mm[j] + along_z_mm[k] >= 0.0:
+                    continue
+                if not loaded:
+                    _depth_of_column(depth, i, j, np.float32(0.0), line)
+                    loaded = True
+                if _depth_at(depth, line, np.float32(0.0), k) < 0.0:
+                    out_counts[i, label] += 1

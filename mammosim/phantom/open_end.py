@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from mammosim._derived import Derived
 from mammosim.errors import InputError
-from mammosim.phantom._open_end_kernels import CoarseDepth, copy_held, held_extent
+from mammosim.phantom._open_end_kernels import (
+    CoarseDepth,
+    copy_held,
+    count_left_out,
+    held_extent,
+)
 from mammosim.phantom.anatomy.muscle import COVER_MM
 from mammosim.phantom.breast import BreastPhantom, OpenEnd
 from mammosim.tissues import TISSUES
@@ -107,13 +112,7 @@ def _held_labels(
         ends = np.array([changed.min(axis=0) - 1, changed.max(axis=0) + 1])
         index = np.rint(breast.frame.index(end.held_frame.position_mm(ends))).astype(np.int64)
         box = np.clip(index, 0, labels.shape).T
-    (cells_x, part_x), (cells_y, part_y), (cells_z, part_z) = (
-        _places(breast, end, axis, np.arange(count)) for axis, count in enumerate(labels.shape)
-    )
-    depth = CoarseDepth(
-        end.held_depth_mm, np.float32(end.skin_mm), cells_x, part_x, cells_y, part_y, cells_z,
-        part_z,
-    )  # fmt: skip
+    depth = _coarse_depth(breast, end)
     names = [TISSUES[name].label for name in ("skin", "nipple", "muscle", "adipose")]
     voxel_mm, of_names = np.float32(breast.voxel_mm.min()), np.array(names, np.uint8)
     rows = np.zeros((labels.shape[0], labels.shape[1]), bool)
@@ -128,6 +127,37 @@ def _held_labels(
     held = np.empty((labels.shape[0], *sizes), np.uint8)
     copy_held(depth, box, voxel_mm, np.float32(COVER_MM), of_names, labels, first, held)
     return held, first
+
+
+def _coarse_depth(breast: BreastPhantom, end: OpenEnd) -> CoarseDepth:
+    """Depth in views without the axilla, and where in its grid the voxels lie."""
+    (cells_x, part_x), (cells_y, part_y), (cells_z, part_z) = (
+        _places(breast, end, axis, np.arange(count))
+        for axis, count in enumerate(breast.labels.shape)
+    )
+    return CoarseDepth(
+        end.held_depth_mm, np.float32(end.skin_mm), cells_x, part_x, cells_y, part_y, cells_z,
+        part_z,
+    )  # fmt: skip
+
+
+def abdominal_counts(breast: BreastPhantom) -> NDArray[np.int64]:
+    """Number of voxels of each label below the inframammary fold, [256].
+
+    They are what views other than oblique ones leave out on the side away from the open end.
+
+    Parameters
+    ----------
+    breast : BreastPhantom
+    """
+    end = breast.open_end
+    if end is None:
+        return np.zeros(256, np.int64)
+    y, z = (breast.frame.axis_mm(axis) for axis in (1, 2))
+    counts = np.zeros((breast.labels.shape[0], 256), np.int64)
+    depth = _coarse_depth(breast, end)
+    count_left_out(depth, end.normal[1] * y, end.normal[2] * z, breast.labels, counts)
+    return counts.sum(axis=0)
 
 
 def _places(

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mammosim.phantom.breast import BreastPhantom, Lesion
 from mammosim.phantom.label_counts import label_counts
 from mammosim.phantom.lesion_kinds import lesion_tissues
+from mammosim.phantom.open_end import abdominal_counts
 from mammosim.phantom.place import tissue_box_mm
 from mammosim.tissues import TISSUES
 
@@ -36,10 +38,11 @@ class PhantomSummary:
     volume_ml : dict of str to float
         Volume of each tissue that occurs, mL; of mixtures, each tissue's part.
     breast_ml : float
-        All tissue but muscle, mL.
+        All tissue but muscle and, in a generated breast, the abdominal wall below the inframammary
+        fold, mL.
     fibroglandular_percent : float or None
-        Share of gland, ducts and terminal units in the volume within the skin, without muscle and
-        lesions, %. Septa are in `volume_ml` as ligament.
+        Share of gland, ducts and terminal units in the volume within the skin, without muscle,
+        lesions and abdominal wall, %. Septa are in `volume_ml` as ligament.
     nipple_mm : tuple of float
     lesions : tuple of Lesion
     notes : tuple of str
@@ -71,15 +74,8 @@ def phantom_summary(breast: BreastPhantom) -> PhantomSummary:
     PhantomSummary
     """
     counts = label_counts(breast).sum(axis=0)
-    voxel_ml = float(np.prod(breast.voxel_mm)) / 1000.0
-    volume: dict[str, float] = {}
-    for label in np.flatnonzero(counts):
-        tissue = breast.tissue_of_label[int(label)]
-        for part, share_of_voxel in (TISSUES[tissue].mixture or {tissue: 1.0}).items():
-            if part != "air":
-                found_ml = int(counts[label]) * voxel_ml * share_of_voxel
-                volume[part] = volume.get(part, 0.0) + found_ml
-    within = {tissue: ml for tissue, ml in volume.items() if tissue not in NOT_WITHIN_SKIN}
+    own = _volumes_ml(breast, counts - abdominal_counts(breast))
+    within = {tissue: ml for tissue, ml in own.items() if tissue not in NOT_WITHIN_SKIN}
     total = sum(within.values())
     share = 100.0 * sum(within.get(name, 0.0) for name in FIBROGLANDULAR) / total if total else None
     box = tissue_box_mm(breast)
@@ -90,10 +86,23 @@ def phantom_summary(breast: BreastPhantom) -> PhantomSummary:
         voxel_mm=tuple(breast.voxel_mm.tolist()),
         extent_mm=tuple((float(a), float(b)) for a, b in box.T),
         laterality=breast.laterality,
-        volume_ml=volume,
-        breast_ml=sum(volume.values()) - volume.get("muscle", 0.0),
+        volume_ml=_volumes_ml(breast, counts),
+        breast_ml=sum(own.values()) - own.get("muscle", 0.0),
         fibroglandular_percent=share,
         nipple_mm=tuple(breast.nipple_mm.tolist()),
         lesions=breast.lesions,
         notes=breast.notes,
     )
+
+
+def _volumes_ml(breast: BreastPhantom, counts: NDArray[np.int64]) -> dict[str, float]:
+    """Volume of each tissue in so many voxels of each label, mL."""
+    voxel_ml = float(np.prod(breast.voxel_mm)) / 1000.0
+    volume: dict[str, float] = {}
+    for label in np.flatnonzero(counts):
+        tissue = breast.tissue_of_label[int(label)]
+        for part, share_of_voxel in (TISSUES[tissue].mixture or {tissue: 1.0}).items():
+            if part != "air":
+                found_ml = int(counts[label]) * voxel_ml * share_of_voxel
+                volume[part] = volume.get(part, 0.0) + found_ml
+    return volume

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim.phantom.anatomy.shape import Points, Shape
+from mammosim.phantom.anatomy.shape import Points, Shape, smooth_step
 
 CUT_DEG = 45.0
 """Direction out of the open end, from lateral to superior, degrees: along the picture's long side
@@ -28,8 +28,8 @@ it stood out there, compression would fold the hollow before it into a crease ac
 
 
 BODY_PART, BODY_MM = 0.6, 62.0
-"""The ridge's width and length are sized by this part of an average breast's radius and the rest of
-its own: the body varies less than the breast. Chosen."""
+"""The ridge, and what else surrounds a breast, is sized by this part of an average breast's radius
+and the rest of its own: the body varies less than the breast. Chosen."""
 
 HEIGHT = (0.70, 0.90)
 """Height of the ridge against the breast's depth, chosen so that the picture is as wide at its
@@ -60,7 +60,7 @@ class Axilla:
 
 def draw_axilla(shape: Shape, rng: np.random.Generator) -> Axilla:
     """A ridge that suits a breast: as high for its depth, and about as wide as the body has it."""
-    radius = BODY_PART * BODY_MM + (1.0 - BODY_PART) * shape.radius_mm
+    radius = sized_mm(shape)
     start = 0.5 * shape.base_superior_mm
     return Axilla(
         height_mm=shape.depth_mm * rng.uniform(*HEIGHT),
@@ -68,6 +68,11 @@ def draw_axilla(shape: Shape, rng: np.random.Generator) -> Axilla:
         offset_mm=start + radius * rng.uniform(-0.05, 0.1),
         cut_mm=radius * rng.uniform(1.50, 1.80) + start,
     )
+
+
+def sized_mm(shape: Shape) -> float:
+    """Radius by which what surrounds a breast is sized, mm: it varies less than the breast's."""
+    return BODY_PART * BODY_MM + (1.0 - BODY_PART) * shape.radius_mm
 
 
 def along_mm(lateral: NDArray[np.float64], superior: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -97,8 +102,7 @@ def ridge_level(axilla: Axilla, shape: Shape, points_mm: Points) -> NDArray[np.f
     x, lateral, superior = points_mm
     across = across_mm(lateral, superior) - axilla.offset_mm
     way = along_mm(lateral, superior) / shape.radius_mm
-    begun = np.clip((way - RIDGE_FROM) / RIDGE_OVER, 0.0, 1.0)
-    begun = begun * begun * (3.0 - 2.0 * begun)
+    begun = smooth_step((way - RIDGE_FROM) / RIDGE_OVER)
     depth = np.clip(x, 0.0, None)
     inside: NDArray[np.float64] = (
         2.0 * begun - 1.0

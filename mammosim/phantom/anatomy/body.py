@@ -10,9 +10,17 @@ from numpy.typing import NDArray
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy._block_kernels import Lattice, Paint
 from mammosim.phantom.anatomy.axilla import CUT_DEG, draw_axilla
+from mammosim.phantom.anatomy.fold import draw_fold
 from mammosim.phantom.anatomy.muscle import COVER_MM, draw_muscle, fit_volume, muscle_depth
 from mammosim.phantom.anatomy.nipple import Areola, Nipple, draw_areola, draw_nipple, varied
-from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, held_depth, skin_depth
+from mammosim.phantom.anatomy.outline import (
+    GRID_MM,
+    Outline,
+    coarse_frame,
+    depth_of_breast,
+    held_depth,
+    skin_depth,
+)
 from mammosim.phantom.anatomy.settings import GenerateSettings
 from mammosim.phantom.anatomy.shape import TYPICAL_ML, draw_shape, like
 from mammosim.phantom.breast import BreastPhantom, OpenEnd
@@ -31,11 +39,15 @@ than 6 %."""
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A breast from outside: depths are on the grid of `frame`, positive inside, mm."""
+    """A breast from outside: depths are on the grid of `frame`, positive inside, mm.
+
+    `own_mm` is the depth in the breast itself, without the abdominal wall below its fold.
+    """
 
     outline: Outline
     frame: VoxelFrame
     depth_mm: NDArray[np.float64]
+    own_mm: NDArray[np.float64]
     muscle_mm: NDArray[np.float64]
     skin_mm: float
     nipple: Nipple
@@ -89,10 +101,12 @@ def draw_body(settings: GenerateSettings, seed: int, laterality: str) -> Body:
     shape = like(draw_shape(volume_ml, shared), shape_rng)
     axilla, muscle = draw_axilla(shape, shared), draw_muscle(shared)
     areola = draw_areola(shared)
-    outline = fit_volume(Outline(shape, axilla), muscle, volume_ml)
+    fold = draw_fold(shape, shared)
+    outline = fit_volume(Outline(shape, axilla, fold), muscle, volume_ml)
     frame = coarse_frame(outline)
     depth, muscled = skin_depth(outline, frame), muscle_depth(muscle, outline, frame)
-    return Body(outline, frame, depth, muscled, settings.skin_mm or skin, nipple, areola)
+    own = depth_of_breast(outline, depth, frame)
+    return Body(outline, frame, depth, own, muscled, settings.skin_mm or skin, nipple, areola)
 
 
 def lattice_of(body: Body, voxel_mm: float) -> Lattice:

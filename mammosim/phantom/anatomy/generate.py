@@ -8,6 +8,7 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from mammosim._side_by_side import both, dealt
 from mammosim.config import documents_keys, given_settings
@@ -17,6 +18,7 @@ from mammosim.phantom.anatomy._grain_kernels import TILE
 from mammosim.phantom.anatomy._net_kernels import Net
 from mammosim.phantom.anatomy._parenchyma_kernels import (
     IN_MUSCLE,
+    NOT_COUNTED,
     TUBE,
     UNDECIDED,
     sample_potential,
@@ -135,8 +137,9 @@ GenerateSettings
     Gland is where the fields with strands towards the nipple exceed a threshold, pushed aside by
     lobules; the threshold meets the class's share of gland, ducts and terminal units of all
     within the skin but muscle. Surfaces of skin are dithered within a voxel, so that their
-    staircase draws no contour lines. The breast is at rest without gravity. Ribs, the abdominal
-    wall below the inframammary fold and Montgomery's glands are not modelled.
+    staircase draws no contour lines. The breast is at rest without gravity. Of the
+    abdominal wall there is only what oblique views show below the inframammary fold; ribs and
+    Montgomery's glands are not modelled.
     """
     if laterality not in ("L", "R"):
         raise InputError(f"laterality: found '{laterality}', expected L or R")
@@ -177,7 +180,9 @@ def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastP
     paint_threads(labels, lattice, threads.ends_mm, threads.radius_mm, paint.labels, seed & 0xFFFF)
     paint_tubes(labels, lattice, tubes.ends_mm, tubes.radius_mm, tubes.label)
     paint = paint._replace(
-        threshold=_threshold(labels, lattice, texture, paint, settings.target_percent)
+        threshold=_threshold(
+            labels, lattice, texture, paint, settings.target_percent, anatomy.body.own_mm
+        )
     )
     paint_tissue(dealt(lattice.x_start.size - 1), labels, lattice, texture, paint)
     paint_findings(labels, lattice, anatomy.findings)
@@ -230,13 +235,13 @@ def _draw_gland(
     body: Body, kind: Parenchyma, share: float, field_rng: np.random.Generator,
     duct_rng: np.random.Generator,
 ) -> _Gland:  # fmt: skip
-    outline, frame, depth, muscled = body.outline, body.frame, body.depth_mm, body.muscle_mm
+    outline, frame, muscled = body.outline, body.frame, body.muscle_mm
     foot_mm = outline.shape.depth_mm
-    room = gland_room(outline, kind, depth, muscled, frame, field_rng)
+    room = gland_room(outline, kind, body.own_mm, muscled, frame, field_rng)
     ends = np.array([foot_mm, foot_mm + body.nipple.height_mm])
     trees = grow_ducts(room, frame, ends, kind.units_a_lobe, duct_rng)
     thickness = skin_mm(body.skin_mm, frame, field_rng)
-    breast = (depth > thickness) & (muscled < 0.0)
+    breast = (body.depth_mm > thickness) & (body.own_mm > 0.0) & (muscled < 0.0)
     room = gland_region(room, breast, kind.expanse * share)
     potential = gland_potential(room, trees, kind, foot_mm, frame, field_rng)
     return _Gland(trees, thickness, breast, potential)
@@ -283,11 +288,17 @@ def _threshold(
     texture: Texture,
     paint: Paint,
     percent: float,
+    own_mm: NDArray[np.float64],
 ) -> float:
-    """Potential above which tissue is gland, so that the fibroglandular share is met."""
+    """Potential above which tissue is gland, so that the fibroglandular share is met.
+
+    Blocks whose middle has a negative depth `own_mm` in the breast do not count.
+    """
     shape = (*(side - 1 for side in texture.fields.shape[:3]), 4)
     potential, state = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
     sample_potential(dealt(shape[0]), labels, lattice, texture, paint, potential, state)
+    middle = ndimage.uniform_filter(own_mm, 2, origin=-1)[:-1, :-1, :-1]
+    state[middle < 0.0] = NOT_COUNTED
     muscle = np.count_nonzero(state == IN_MUSCLE)
     # Fat within muscle counts as breast; gland has no part in it.
     counted = np.count_nonzero(state) - (1.0 - FAT_IN_MUSCLE) * muscle

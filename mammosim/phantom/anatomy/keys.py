@@ -9,8 +9,9 @@ class OtherGenerateKeys(TypedDict, total=False):
     """Keys of `GenerateSettings` but for `density`, `voxel_mm`."""
 
     volume_ml: float | None
-    """Volume of the breast without muscle, mL; default: drawn by the seed, with median 620 and two
-    thirds of breasts from 380 to 1000."""
+    """Volume of the breast without muscle, mL, with the way to the axilla that oblique views show,
+    but without the abdominal wall below the fold; default: drawn by the seed, with median 620 and
+    two thirds of breasts from 380 to 1000."""
 
     glandular_percent: float | None
     """Fibroglandular fraction of the volume within the skin, %; default: that of the class."""

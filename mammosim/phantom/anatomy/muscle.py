@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy.axilla import across_mm, along_mm
 from mammosim.phantom.anatomy.noise import smooth_noise
-from mammosim.phantom.anatomy.outline import GRID_MM, Outline, coarse_frame, mesh, near_depth
+from mammosim.phantom.anatomy.outline import (
+    GRID_MM,
+    Outline,
+    breast_depth,
+    coarse_frame,
+    mesh,
+)
+from mammosim.phantom.anatomy.shape import smooth_step
 
 LOW_MM, LOW_FROM, LOW_OVER = 10.0, 0.22, 1.05
 """The muscle's wedge is no thicker than the first, mm, up to the second above the nipple; over the
@@ -128,17 +135,14 @@ def muscle_depth(muscle: Muscle, outline: Outline, frame: VoxelFrame) -> NDArray
     return front - x
 
 
-def smooth_step(place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """0 up to 0, 1 from 1 on, smooth between."""
-    ramp = np.clip(place, 0.0, 1.0)
-    return ramp * ramp * (3.0 - 2.0 * ramp)
-
-
 def fit_volume(outline: Outline, muscle: Muscle, volume_ml: float) -> Outline:
-    """Scale an outline until what is in front of the muscle has a volume, mL."""
+    """Scale an outline until what is in front of the muscle has a volume, mL.
+
+    The abdominal wall below the fold is no part of it.
+    """
     for _ in range(5):  # the slab does not scale: each turn leaves a tenth of the last one's error
         frame = coarse_frame(outline)
-        depth = near_depth(outline, frame)
+        depth = breast_depth(outline, frame)
         x, lateral, superior = mesh(frame)
         tissue = (depth > 0) & (along_mm(lateral, superior) < outline.axilla.cut_mm)
         muscled = (muscle_depth(muscle, outline, frame) > 0) & (depth > COVER_MM)

@@ -19,7 +19,9 @@ from mammosim.phantom.anatomy.axilla import (
     along_mm,
     ridge_level,
 )
-from mammosim.phantom.anatomy.shape import Points, Shape, level
+from mammosim.phantom.anatomy.fold import FILLET_MM as FOLD_MM
+from mammosim.phantom.anatomy.fold import Fold, mound_level
+from mammosim.phantom.anatomy.shape import Points, Shape, level, smooth_step
 
 GRID_MM = 2.0
 """Spacing of the grid on which everything smooth is made, mm; a skin of radius 50 mm lies within
@@ -34,17 +36,23 @@ FILLET_MM, FILLET = 40.0, 0.735
 the most of it in radii of the breast: in a small one it would lift the skin at the nipple."""
 
 
+UNMOVED_MM = 0.1
+"""A surface that would move by less than this stays, mm."""
+
+
 @dataclass(frozen=True)
 class Outline:
-    """Breast and axilla."""
+    """Breast, axilla and the fold below the breast."""
 
     shape: Shape
     axilla: Axilla
+    fold: Fold
 
     def scaled(self, factor: float) -> Outline:
         """The same outline with a breast larger by a factor; the fold of the axilla follows."""
         axilla = Axilla(*(factor * length for length in vars(self.axilla).values()))
-        return replace(self, shape=self.shape.scaled(factor), axilla=axilla)
+        fold = Fold(*(factor * length for length in vars(self.fold).values()))
+        return replace(self, shape=self.shape.scaled(factor), axilla=axilla, fold=fold)
 
 
 def coarse_frame(outline: Outline) -> VoxelFrame:
@@ -95,13 +103,30 @@ def held_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
     neither differs it is large, so that nothing is done there.
     """
     points = mesh(frame)
-    joined = _of_unit_slope(near_depth(outline, frame))
+    near = near_depth(outline, frame)
     breast = _to_first_order(level(outline.shape, points), GRID_MM)
     way = along_mm(points[1], points[2]) / outline.shape.radius_mm
-    part = np.clip((way - HELD_FROM) / HELD_OVER, 0.0, 1.0)
-    part = part * part * (3.0 - 2.0 * part)
+    upper = smooth_step((way - HELD_FROM) / HELD_OVER)
+    # Below, skin is moved only where the abdominal wall is left out.
+    lower = np.where(near - breast > UNMOVED_MM, smooth_step(-way / HELD_OVER), 0.0)
+    part, joined = upper + lower, _of_unit_slope(near)
     held: NDArray[np.float64] = np.where(part > 0.0, joined + part * (breast - joined), 40.0)
     return held
+
+
+def depth_of_breast(
+    outline: Outline, skin_depth_mm: NDArray[np.float64], frame: VoxelFrame
+) -> NDArray[np.float64]:
+    """Depth below the skin, mm, or below the surface that the breast has without abdominal wall."""
+    breast = breast_depth(outline, frame)
+    below = near_depth(outline, frame) - breast > UNMOVED_MM
+    depth: NDArray[np.float64] = np.where(below, np.minimum(skin_depth_mm, breast), skin_depth_mm)
+    return depth
+
+
+def breast_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
+    """Depth near the skin of a breast without abdominal wall, mm; positive inside everywhere."""
+    return _breast_and_axilla(outline, mesh(frame), GRID_MM)
 
 
 def near_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
@@ -110,13 +135,25 @@ def near_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
 
 
 def _joined(outline: Outline, points_mm: Points, step_mm: float) -> NDArray[np.float64]:
+    """Smooth union of breast, ridge and abdominal wall: depth to first order near the skin, mm."""
+    mound = _to_first_order(mound_level(outline.fold, points_mm), step_mm)
+    return _with_hollow(_breast_and_axilla(outline, points_mm, step_mm), mound, FOLD_MM)
+
+
+def _breast_and_axilla(outline: Outline, points_mm: Points, step_mm: float) -> NDArray[np.float64]:
     """Smooth union of breast and ridge: depth to first order near the skin, mm."""
     breast = _to_first_order(_in_halves(partial(level, outline.shape), points_mm), step_mm)
     ridge = _to_first_order(ridge_level(outline.axilla, outline.shape, points_mm), step_mm)
-    fillet_mm = min(FILLET_MM, FILLET * outline.shape.radius_mm)
-    overlap = np.clip(fillet_mm - np.abs(breast - ridge), 0.0, None)
-    joined: NDArray[np.float64] = np.maximum(breast, ridge) + overlap**2 / (4.0 * fillet_mm)
-    return joined
+    return _with_hollow(breast, ridge, min(FILLET_MM, FILLET * outline.shape.radius_mm))
+
+
+def _with_hollow(
+    one: NDArray[np.float64], other: NDArray[np.float64], width_mm: float
+) -> NDArray[np.float64]:
+    """Union of two depths with a hollow of a width between their surfaces, mm."""
+    overlap = np.clip(width_mm - np.abs(one - other), 0.0, None)
+    union: NDArray[np.float64] = np.maximum(one, other) + overlap**2 / (4.0 * width_mm)
+    return union
 
 
 def _in_halves(

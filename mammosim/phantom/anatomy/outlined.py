@@ -51,8 +51,8 @@ def generate_outline(
     lattice, paint, frame = lattice_of(body, settings.voxel_mm), paint_of(body), body.frame
     field_rng = streams_of_breast(seed, laterality)[2]
     kind = draw_parenchyma(settings.density_class, streams_of_woman(seed)[1])
-    room = gland_room(body.outline, kind, body.depth_mm, body.muscle_mm, frame, field_rng)
-    breast = (body.depth_mm > body.skin_mm) & (body.muscle_mm < 0.0)
+    room = gland_room(body.outline, kind, body.own_mm, body.muscle_mm, frame, field_rng)
+    breast = (body.depth_mm > body.skin_mm) & (body.own_mm > 0.0) & (body.muscle_mm < 0.0)
     room = gland_region(room, breast, kind.expanse * settings.target_percent / 100.0)
     foot_mm = body.outline.shape.depth_mm
     room = room + gland_patches(room, kind, foot_mm, frame, field_rng)
@@ -61,11 +61,11 @@ def generate_outline(
         *((axis - start) / GRID_MM for axis, start in zip(axes, frame.origin_mm, strict=True)),
         indexing="ij",
     )
-    depth, muscle, gland = (
+    depth, own, muscle, gland = (
         ndimage.map_coordinates(field, at, order=1, mode="nearest")
-        for field in np.broadcast_arrays(body.depth_mm, body.muscle_mm, room)
+        for field in np.broadcast_arrays(body.depth_mm, body.own_mm, body.muscle_mm, room)
     )
-    inside = depth > body.skin_mm
+    inside = (depth > body.skin_mm) & (own > 0.0)
     within = np.sort(gland[inside & (muscle < 0.0)])
     # Fat within muscle counts as breast, as in `generate_phantom`.
     counted = within.size + FAT_IN_MUSCLE * np.count_nonzero(inside & (muscle >= 0.0))

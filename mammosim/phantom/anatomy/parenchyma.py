@@ -154,7 +154,7 @@ def draw_parenchyma(density: str, rng: np.random.Generator) -> Parenchyma:
 def gland_room(
     outline: Outline,
     kind: Parenchyma,
-    skin_depth_mm: NDArray[np.float64],
+    own_depth_mm: NDArray[np.float64],
     muscle_depth_mm: NDArray[np.float64],
     frame: VoxelFrame,
     rng: np.random.Generator,
@@ -171,7 +171,7 @@ def gland_room(
     back = np.clip(distance / (0.9 * shape.depth_mm), 0.0, 1.0)
     uneven = smooth_noise(rng, frame, 30.0)
     fat = 2.0 + (kind.fat_mm * np.clip(1.0 + 0.3 * uneven, 0.5, 1.7) - 2.0) * back**0.8
-    from_skin = (skin_depth_mm - fat) / 5.0
+    from_skin = (own_depth_mm - fat) / 5.0
     from_skin = np.minimum(from_skin, INTO_FAT * from_skin)
     behind = np.clip(9.0 + 3.0 * smooth_noise(rng, frame, 35.0), 4.0, None)
     # The muscle's depth is along x; its front is up to twice as steep.

@@ -36,8 +36,9 @@ class GenerateSettings(Settings):
     """Voxel size, mm; at 0.2 mm, septa and margins look as they do with finer voxels."""
 
     volume_ml: float | None = Field(default=None, ge=100.0, le=1900.0)
-    """Volume of the breast without muscle, mL; default: drawn by the seed, with median 620 and two
-    thirds of breasts from 380 to 1000."""
+    """Volume of the breast without muscle, mL, with the way to the axilla that oblique views
+    show, but without the abdominal wall below the fold; default: drawn by the seed, with median 620
+    and two thirds of breasts from 380 to 1000."""
 
     glandular_percent: float | None = Field(default=None, ge=2.0, le=55.0)
     """Fibroglandular fraction of the volume within the skin, %; default: that of the class."""

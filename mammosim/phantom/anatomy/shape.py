@@ -218,3 +218,9 @@ def _reach_mm(
         + c3 * np.cos(3 * angle) + s3 * np.sin(3 * angle)
     )  # fmt: skip
     return reach
+
+
+def smooth_step(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """0 up to 0, 1 from 1 on, smooth between."""
+    ramp = np.clip(place, 0.0, 1.0)
+    return ramp * ramp * (3.0 - 2.0 * ramp)
