@@ -301,6 +301,22 @@ def test_realisations_differ_by_their_noise_alone():
     assert pairs[~np.eye(4, dtype=bool)] == pytest.approx(np.full(12, share), abs=0.02)
 
 
+def test_the_unit_of_a_seed_changes_the_image_for_presentation_alone():
+    """`seed` draws the unit too; `crisp` is the same at every unit."""
+    paths = phantom()
+    own, same, other = (
+        expose(paths, scatter=False, seed=3, unit_seed=unit) for unit in (None, 3, 4)
+    )
+    assert (own.for_presentation == same.for_presentation).all()
+    assert (own.for_presentation != other.for_presentation).any()
+    assert (own.for_processing == other.for_processing).all()
+    crisp = [
+        expose(paths, scatter=False, seed=3, unit_seed=unit, look="crisp").for_presentation
+        for unit in (3, 4)
+    ]
+    assert (crisp[0] == crisp[1]).all()
+
+
 def test_a_noise_seed_changes_the_noise_and_nothing_else():
     paths = phantom()
     one, other = (expose(paths, scatter=False, noise_seed=seed) for seed in (None, 0))
