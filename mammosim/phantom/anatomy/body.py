@@ -193,7 +193,7 @@ def phantom_of(
     settings: GenerateSettings,
     seed: int,
     laterality: str,
-    skin_mm: float,
+    end: OpenEnd,
 ) -> BreastPhantom:
     """Labels with what else is known of the breast; a right one is mirrored."""
     first_y = lattice.lateral_mm[0]
@@ -214,12 +214,12 @@ def phantom_of(
         laterality,
         {tissue.label: tissue.name for tissue in TISSUES.values()},
         nipple_position(labels, frame)[0],
-        open_end=_open_end(body, laterality, skin_mm),
+        open_end=end,
         source=f"generated ({settings.density_class}, seed {seed})",
     )
 
 
-def _open_end(body: Body, laterality: str, skin_mm: float) -> OpenEnd:
+def open_end_of(body: Body, laterality: str, skin_mm: float) -> OpenEnd:
     """The cut towards the axilla, and the skin of views that hold no axilla."""
     side = 1.0 if laterality == "L" else -1.0
     angle = np.deg2rad(CUT_DEG)

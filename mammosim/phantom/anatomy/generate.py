@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from mammosim._heap import return_freed_memory
 from mammosim._side_by_side import both, dealt
 from mammosim.config import documents_keys, given_settings
 from mammosim.errors import InputError
@@ -29,6 +30,7 @@ from mammosim.phantom.anatomy.body import (
     Body,
     draw_body,
     lattice_of,
+    open_end_of,
     paint_of,
     phantom_of,
     streams_of_breast,
@@ -171,6 +173,8 @@ class _Anatomy:
 
 def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastPhantom:
     anatomy = _anatomy(settings, seed, laterality)
+    end = open_end_of(anatomy.body, laterality, float(anatomy.fields[..., SKIN_MM].mean()))
+    return_freed_memory()  # to draw it took as much memory as labels do
     lattice = lattice_of(anatomy.body, settings.voxel_mm)
     texture, paint = _texture(anatomy, seed), paint_of(anatomy.body)
     labels = np.zeros(
@@ -186,8 +190,7 @@ def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastP
     )
     paint_tissue(dealt(lattice.x_start.size - 1), labels, lattice, texture, paint)
     paint_findings(labels, lattice, anatomy.findings)
-    skin = float(anatomy.fields[..., SKIN_MM].mean())
-    return phantom_of(labels, lattice, anatomy.body, settings, seed, laterality, skin)
+    return phantom_of(labels, lattice, anatomy.body, settings, seed, laterality, end)
 
 
 def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _Anatomy:

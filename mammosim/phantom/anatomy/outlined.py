@@ -11,6 +11,7 @@ from mammosim.phantom.anatomy._outline_kernels import paint_outline
 from mammosim.phantom.anatomy.body import (
     draw_body,
     lattice_of,
+    open_end_of,
     paint_of,
     phantom_of,
     streams_of_breast,
@@ -73,4 +74,5 @@ def generate_outline(
     paint = paint._replace(threshold=float(within[min(fat, within.size - 1)]))
     labels = np.zeros(depth.shape, np.uint8)
     paint_outline(labels, lattice, paint, depth, muscle, gland, body.skin_mm, float(FAT_IN_MUSCLE))
-    return phantom_of(labels, lattice, body, settings, seed, laterality, body.skin_mm)
+    end = open_end_of(body, laterality, body.skin_mm)
+    return phantom_of(labels, lattice, body, settings, seed, laterality, end)
