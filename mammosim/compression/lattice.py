@@ -12,7 +12,7 @@ from mammosim.compression._lattice_kernels import gather_blocks, tissue_outline
 from mammosim.compression.connectivity import held_together
 from mammosim.errors import InputError
 from mammosim.geometry import View, VoxelFrame
-from mammosim.phantom import BreastPhantom, label_counts
+from mammosim.phantom import BreastPhantom, abdominal_counts, label_counts
 from mammosim.tissues import Moduli
 
 SMALLEST_PART = 0.5
@@ -212,7 +212,7 @@ def tissue_part(
 
 
 def breast_volume_ml(breast: BreastPhantom) -> float:
-    """Volume of all tissue but muscle.
+    """Volume of all tissue but muscle and the abdominal wall below a generated breast's fold.
 
     Parameters
     ----------
@@ -226,7 +226,8 @@ def breast_volume_ml(breast: BreastPhantom) -> float:
         muscle do not.
     """
     wanted = (np.arange(256) > 0) & ~_table(breast, "muscle")
-    return float(_layer_counts(breast, wanted).sum() * breast.voxel_mm.prod() * 1e-3)
+    count = _layer_counts(breast, wanted).sum() - abdominal_counts(breast)[wanted].sum()
+    return float(count * breast.voxel_mm.prod() * 1e-3)
 
 
 def bounds_mm(breast: BreastPhantom, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -22,7 +22,7 @@ from mammosim.phantom.lesion_shapes import shape_files
 from mammosim.phantom.lesions import PlannedLesion, insert_lesions, plan_lesions
 from mammosim.phantom.make import make_phantom
 from mammosim.phantom.memory import address_bytes, available_bytes
-from mammosim.phantom.open_end import as_held, leaves_picture, without_open_end
+from mammosim.phantom.open_end import abdominal_counts, as_held, leaves_picture, without_open_end
 from mammosim.phantom.place import box_text, tissue_at, tissue_box_mm
 from mammosim.phantom.read import read_phantom
 from mammosim.phantom.readers import BREAST_AXES, TIFF_AXES_KEY, Volume, open_voxels
@@ -56,6 +56,7 @@ __all__ = [
     "Posture",
     "Side",
     "Volume",
+    "abdominal_counts",
     "address_bytes",
     "as_held",
     "available_bytes",
