@@ -165,15 +165,23 @@ def test_a_task_that_is_stopped_may_still_keep_what_it_reached():
 
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS == 1, reason="kernels have one thread")
 def test_views_that_are_interrupted_keep_what_they_reached(tmp_path, monkeypatch):
-    """One view in its third sweep, the other anywhere between its second and third."""
+    """Both in their third sweep: one is interrupted there, the other by that."""
     sweep, visits, both = relaxation.sweep, Counter(), threading.Barrier(2, timeout=WAIT_S)
+    stop, told = Crew.stop, threading.Event()
 
     def stopped(*arguments):
         visits[threading.get_ident()] += 1
-        if visits[threading.get_ident()] == 3 and both.wait() == 0:
-            raise KeyboardInterrupt
+        if visits[threading.get_ident()] == 3:
+            if both.wait() == 0:
+                raise KeyboardInterrupt
+            assert told.wait(WAIT_S)
         sweep(*arguments)
 
+    def telling(crew):
+        stop(crew)
+        told.set()
+
+    monkeypatch.setattr(Crew, "stop", telling)
     monkeypatch.setattr(relaxation, "sweep", stopped)
     springs = {"model": "springs", "resolution_mm": 6.0, "solver": "relaxation"}
     config = to_settings(RunConfig, SECTIONS | {"compression": springs}, "test")
