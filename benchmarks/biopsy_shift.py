@@ -2,7 +2,7 @@
 
     python benchmarks/biopsy_shift.py OUT [--breasts 24] [--lesions 3] [--voxel-mm 1.5]
         [--elements 6] [--model hyperelastic]
-    python benchmarks/biopsy_shift.py OUT --samples 50 [--model springs]
+    python benchmarks/biopsy_shift.py OUT --samples 50 [--view MLO] [--model springs]
 
 Each breast is drawn by its seed (density class in turn, volume, side), gets lesions of 8 mm at
 random places in gland, and is compressed in CC and MLO to the population's thickness, by elements
@@ -12,8 +12,8 @@ second start computes only what is missing), `summary.json` and the picture. `al
 lesions.csv, where both plates close on the middle of the breast; `from_support_mm` is the same seen
 from the breast support, on which the lowest tissue in front of the plates' edge lies. With
 `--samples` instead: the time of that many samples of `targets.uncertainty` for the quickstart's
-breast in CC, compressed as there by elements of 3 mm, or by springs of 1 mm on a fixed wall with
-the same moduli; its lesions' ellipsoids; and shifts.npy, [sample, target, 3].
+breast in CC or MLO, compressed as there by elements of 3 mm, or by springs of 1 mm on a fixed wall
+with the same moduli; its lesions' ellipsoids; and shifts.npy, [sample, target, 3].
 """
 
 from __future__ import annotations
@@ -138,19 +138,20 @@ def summary(rows: list[dict[str, float | str]]) -> dict[str, dict[str, float]]:
     return found
 
 
-def time_samples(count: int, model: str, out: Path) -> None:
+def time_samples(count: int, view: str, model: str, out: Path) -> None:
     """Time samples of one breast, compiled code being there, and print its ellipsoids."""
     config = load_config(QUICKSTART)
-    given = config.resolved_views[0].compression.model_dump(exclude_unset=True)
+    keys = {one.view: one.compression for one in config.resolved_views}
+    given = keys[view].model_dump(exclude_unset=True)
     if model == "springs":
         given |= {"model": "springs", "resolution_mm": 1.0, "chest_wall": "fixed"}
     breast = make_phantom(config.phantom, config.laterality, config.seed)
-    compressed = compress(breast, view="CC", **given)
+    compressed = compress(breast, view=view, **given)
     origins = target_origins(breast)
     sampler = Sampler(compressed, CompressionSettings(**given))
     ratio = CompressionSettings(**given).fibres.ratio if sampler.has_fibres else None
     wanted = UncertaintySettings(samples=count)
-    samples = draw_samples(wanted, sampler.groups, "LCC", config.seed, ratio)
+    samples = draw_samples(wanted, sampler.groups, f"L{view}", config.seed, ratio)
     start, start_cpu = time.perf_counter(), time.process_time()
     shifts = sampled_shifts(sampler, origins, samples)
     seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
@@ -161,7 +162,7 @@ def time_samples(count: int, model: str, out: Path) -> None:
     np.save(out / "shifts.npy", shifts)
     for origin in origins:
         print(f"{origin.name}: nominal {mean_shift_mm(compressed.field, origin).round(1)} mm")
-    for row in uncertainties(origins, {"CC": shifts}):
+    for row in uncertainties(origins, {view: shifts}):
         axes = f"{row.long_mm:.1f}, {row.middle_mm:.1f}, {row.short_mm:.1f} mm"
         mean = f"{row.shift_x_mm:.1f}, {row.shift_y_mm:.1f}, {row.shift_z_mm:.1f} mm"
         print(f"{row.name}: {row.samples} samples, mean {mean}, ellipsoid {axes}")
@@ -211,11 +212,12 @@ def main() -> None:
     parser.add_argument("--voxel-mm", type=float, default=1.5)
     parser.add_argument("--elements", type=float, default=6.0)
     parser.add_argument("--samples", type=int, default=0)
+    parser.add_argument("--view", choices=("CC", "MLO"), default="CC", help="of the samples")
     parser.add_argument("--model", choices=("hyperelastic", "springs"), default="hyperelastic")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     if given.samples:
-        time_samples(given.samples, given.model, given.out)
+        time_samples(given.samples, given.view, given.model, given.out)
         return
     table = given.out / "shifts.csv"
     start, done = time.perf_counter(), {int(row["seed"]) for row in known_rows(table)}
