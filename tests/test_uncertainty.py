@@ -22,7 +22,12 @@ from mammosim.compression import (
     compress,
     in_posture,
 )
-from mammosim.compression.samples import FASCIA_SPREAD, LATTICE_SHIFTS, stiffness_group
+from mammosim.compression.samples import (
+    FASCIA_SPREAD,
+    LATTICE_SHIFTS,
+    STIFFENING_SPREAD,
+    stiffness_group,
+)
 from mammosim.errors import InputError, Interrupted
 from mammosim.geometry import View
 from mammosim.phantom import Landmark
@@ -176,6 +181,7 @@ def test_a_posture_varies_with_the_tissue():
         varied.field(Sample({})).displacement_mm, held.field.displacement_mm
     )
     factors = dict.fromkeys(varied.groups, 2.0) | {"fascia": 2.0 ** (1.0 / FASCIA_SPREAD)}
+    del factors["skin_stiffening"]
     stiff = varied.field(Sample(factors))
     moved, less = held.displacement_at(points)[0, 0], stiff.displacement_at(points)[0, 0]
     assert less == pytest.approx(0.5 * moved, rel=0.02)  # small strain
@@ -216,12 +222,32 @@ def test_all_moduli_together_change_nothing_one_alone_does(sampler):
     varied, compressed = sampler
     points = np.array([mark.position_mm for mark in compressed.phantom.landmarks])
     nominal = varied.field(Sample({})).displacement_at(points)
-    together = varied.field(Sample(dict.fromkeys(varied.groups, 4.0)))
+    tissues = ("adipose", "gland", "skin")
+    together = varied.field(Sample(dict.fromkeys(tissues, 4.0)))
     np.testing.assert_allclose(together.displacement_at(points), nominal, atol=0.08)
     stiff = varied.field(Sample({"gland": 6.0})).displacement_at(points)
     assert np.abs(stiff - nominal).max() > 0.1
-    assert varied.groups == ("adipose", "gland", "skin")
+    stiffens = ("skin_stiffening",) if compressed.model == "hyperelastic" else ()
+    assert varied.groups == tissues + stiffens
     assert stiffness_group("tdlu") == "gland"
+
+
+def test_skin_that_stiffens_is_varied_where_it_does():
+    varied, compressed = make_sampler("hyperelastic")
+    points = np.array([mark.position_mm for mark in compressed.phantom.landmarks])
+    keys = KEYS["hyperelastic"] | {
+        "support_z_mm": compressed.support_z_mm, "paddle_z_mm": compressed.paddle_z_mm,
+        "skin": {"stiffening": 96.0},
+    }  # fmt: skip
+    del keys["thickness_mm"]
+    again = compress(compressed.phantom, view="CC", **keys)
+    sample = Sample({"skin_stiffening": 16.0 ** (1.0 / STIFFENING_SPREAD)})  # 6 by default
+    field = varied.field(sample)
+    np.testing.assert_array_equal(field.displacement_mm, again.field.displacement_mm)
+    found = field.displacement_at(points)
+    assert np.abs(found - compressed.field.displacement_at(points)).max() > 0.01
+    linear = CompressionSettings(**KEYS["hyperelastic"], skin={"stiffening": 0.0})
+    assert "skin_stiffening" not in Sampler(compressed, linear).groups
 
 
 LARGE = {

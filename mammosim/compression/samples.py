@@ -13,7 +13,7 @@ from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.displacement import DisplacementField
 from mammosim.compression.model import MODELS
 from mammosim.compression.posture import in_posture
-from mammosim.compression.settings import CompressionSettings
+from mammosim.compression.settings import CompressionSettings, SkinSettings
 from mammosim.compression.thesis_units import in_millimetres
 from mammosim.compression.unloading import compress_unloaded
 from mammosim.errors import Interrupted, NotConverged
@@ -36,6 +36,18 @@ FASCIA_SPREAD = 3.0
 """Standard deviation of the logarithm of the fascia's stiffness, in those of a tissue's modulus:
 nobody has measured it in women (assumed)."""
 
+STIFFENING = "skin_stiffening"
+"""Name of how skin stiffens with stretch among the groups of tissues."""
+
+STIFFENING_SPREAD = 2.0
+"""Standard deviation of the logarithm of how skin stiffens, in those of a tissue's modulus: at the
+default it is 0.7, and twice that takes 6 to 24, with which the modulus of strong suction belongs
+to a stretch of 1.3, about the least of the largest stretches in women (1.25 to 1.6, Khatam et al.
+2015); that it spreads as far to the other side is assumed."""
+
+MAX_STIFFENING = 100.0
+"""As `SkinSettings` allows."""
+
 THINNEST = 0.5
 """Of the thickness that is varied: no sample is compressed further."""
 
@@ -47,7 +59,8 @@ class Sample:
     Parameters
     ----------
     stiffness : mapping of str to float
-        Factor of the moduli of each group of tissues; 1 where a group is not named.
+        Factor of the moduli of each group of tissues; 1 where a group is not named. That of
+        `fascia` and `skin_stiffening` is taken to the power of their spread.
     thickness_mm, height_mm, edge_mm : float
         Added to the gap, to both plates' height, and to the place of their edge.
     lattice : int
@@ -104,8 +117,8 @@ class Sampler:
     Attributes
     ----------
     groups : tuple of str
-        Groups of tissues whose stiffness can be varied: those that occur in the breast, and
-        `fascia` last where it holds the breast.
+        What can be varied in stiffness: groups of tissues that occur in the breast, then `fascia`
+        where it holds the breast, and `skin_stiffening` where skin is a sheet that stiffens.
     has_fibres : bool
         Whether the model knows fibres.
 
@@ -123,9 +136,14 @@ class Sampler:
         self._middle_mm = 0.5 * (compressed.support_z_mm + compressed.paddle_z_mm)
         self._thickness_mm, self._edge_mm = compressed.thickness_mm, compressed.plate_edge_mm
         self._settings = in_millimetres(settings, compressed.phantom, compressed.view)
-        tied = (FASCIA,) if settings.wall == FASCIA else ()
-        self.groups = (*_groups(compressed.phantom), *tied)
-        self.has_fibres = FIBRES in MODELS[self._model].own_keys
+        own_keys = MODELS[self._model].own_keys
+        self.groups = _groups(compressed.phantom)
+        if settings.wall == FASCIA:
+            self.groups += (FASCIA,)
+        sheet = settings.skin_sheet if "skin" in own_keys and "skin" in self.groups else None
+        if sheet is not None and sheet.stiffening > 0.0:
+            self.groups += (STIFFENING,)
+        self.has_fibres = FIBRES in own_keys
 
     @one_blas_thread
     def compressed(
@@ -199,8 +217,12 @@ class Sampler:
             changes["fascia_kpa_per_mm"] = factor * settings.fascia_kpa_per_mm
         if sheet is not None:
             moduli["skin"] = sample.stiffness.get("skin", 1.0) * sheet.young_kpa
-            if settings.skin is not None:
-                changes["skin"] = settings.skin.model_copy(update={"young_kpa": None})
+            skin: dict[str, float | None] = {"young_kpa": None}
+            if STIFFENING in sample.stiffness:
+                factor = sample.stiffness[STIFFENING] ** STIFFENING_SPREAD
+                skin["stiffening"] = min(factor * sheet.stiffening, MAX_STIFFENING)
+            if settings.skin is not None or STIFFENING in sample.stiffness:
+                changes["skin"] = (settings.skin or SkinSettings()).model_copy(update=skin)
         return changes
 
 
