@@ -122,12 +122,13 @@ class AcquisitionKeys(TypedDict, total=False):
 
     look: Literal["drawn", "crisp", "soft"]
     """Processing of the For Presentation image: crisp enhances local contrast and leaves the grain
-    visible, soft does little of either, drawn is that of a unit of the seed, crisp or more so. The
-    For Processing image does not change. Default: drawn."""
+    visible, soft does little of either, and drawn takes the processing of a unit that is drawn from
+    the seed, about as strong as crisp or stronger. The For Processing image does not change.
+    Default: drawn."""
 
     unit_seed: int | None
-    """Seed of the unit whose processing is drawn, to see all women at the same; default: the run's
-    seed."""
+    """Seed from which the unit of `look: drawn` is drawn, so that several runs can share one;
+    default: the run's seed."""
 
     noise: bool
     """Whether quantum, electronic and fixed-pattern noise are added. Default: True."""

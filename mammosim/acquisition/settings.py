@@ -207,12 +207,12 @@ class AcquisitionSettings(Settings):
 
     look: LookName = DRAWN
     """Processing of the For Presentation image: crisp enhances local contrast and leaves the grain
-    visible, soft does little of either, drawn is that of a unit of the seed, crisp or more so. The
-    For Processing image does not change."""
+    visible, soft does little of either, and drawn takes the processing of a unit that is drawn from
+    the seed, about as strong as crisp or stronger. The For Processing image does not change."""
 
     unit_seed: int | None = Field(default=None, ge=0, le=2**63 - 1)
-    """Seed of the unit whose processing is drawn, to see all women at the same; default: the run's
-    seed."""
+    """Seed from which the unit of `look: drawn` is drawn, so that several runs can share one;
+    default: the run's seed."""
 
     noise: bool = True
     """Whether quantum, electronic and fixed-pattern noise are added."""

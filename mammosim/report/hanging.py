@@ -56,7 +56,7 @@ class ReportedView:
     mammogram: Mammogram | None = None
     reconstruction: Reconstruction | None = None
 
-    @cached_property
+    @property
     def convergence(self) -> str:
         """Drawing of the solver's history, SVG; empty if there is nothing to draw."""
         history, name = self.compressed.history, self.compressed.view.folder
@@ -74,12 +74,12 @@ class ReportedView:
             return {}
         return appearance_findings(self.compressed.view.name, self.mammogram)
 
-    @cached_property
+    @property
     def sections(self) -> list[SectionFrames]:
         """Its breast in three planes, at each step of its compression."""
         return _sections.of(self.compressed, partial(section_frames, self.compressed))
 
-    @cached_property
+    @property
     def skin(self) -> Skin:
         """Points of the skin, and by how much compression moves them (`moved_skin`)."""
         return _skins.of(self.compressed, partial(moved_skin, self.compressed))

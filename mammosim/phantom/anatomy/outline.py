@@ -118,8 +118,9 @@ def depth_of_breast(
     outline: Outline, skin_depth_mm: NDArray[np.float64], frame: VoxelFrame
 ) -> NDArray[np.float64]:
     """Depth below the skin, mm, or below the surface that the breast has without abdominal wall."""
-    breast = breast_depth(outline, frame)
-    below = near_depth(outline, frame) - breast > UNMOVED_MM
+    points = mesh(frame)
+    breast = _breast_and_axilla(outline, points, GRID_MM)
+    below = _with_mound(breast, outline, points, GRID_MM) - breast > UNMOVED_MM
     depth: NDArray[np.float64] = np.where(below, np.minimum(skin_depth_mm, breast), skin_depth_mm)
     return depth
 
@@ -136,8 +137,15 @@ def near_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
 
 def _joined(outline: Outline, points_mm: Points, step_mm: float) -> NDArray[np.float64]:
     """Smooth union of breast, ridge and abdominal wall: depth to first order near the skin, mm."""
+    breast = _breast_and_axilla(outline, points_mm, step_mm)
+    return _with_mound(breast, outline, points_mm, step_mm)
+
+
+def _with_mound(
+    breast: NDArray[np.float64], outline: Outline, points_mm: Points, step_mm: float
+) -> NDArray[np.float64]:
     mound = _to_first_order(mound_level(outline.fold, points_mm), step_mm)
-    return _with_hollow(_breast_and_axilla(outline, points_mm, step_mm), mound, FOLD_MM)
+    return _with_hollow(breast, mound, FOLD_MM)
 
 
 def _breast_and_axilla(outline: Outline, points_mm: Points, step_mm: float) -> NDArray[np.float64]:
