@@ -263,6 +263,7 @@ class _Watch(Listener):
 
 def use_threads(count: int) -> None:
     """Let kernels run on so many threads, or on as many as there are, from here on."""
+    numba.config.reload_config()  # a worker may get its variables after a script's own imports
     numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
 
 

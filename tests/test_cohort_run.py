@@ -346,6 +346,33 @@ def test_a_read_only_output_is_said_plainly(description, tmp_path):
     assert list(output.iterdir()) == []
 
 
+SCRIPT = """
+import os
+import sys
+
+from mammosim.cohort import load_cohort, run_cohort
+
+if __name__ == "__main__":
+    cohort = load_cohort(sys.argv[1], ["cohort.patients=2"])
+    progress = run_cohort(cohort, sys.argv[2], workers=2)
+    assert (progress.done, progress.failed) == (2, 0), progress
+    assert "NUMBA_NUM_THREADS" not in os.environ
+"""
+
+
+def test_a_script_makes_a_cohort(description, tmp_path):
+    """A worker imports what the script does before it learns how many threads it has."""
+    script = tmp_path / "cohort_of_mine.py"
+    script.write_text(SCRIPT)
+    threads = {"NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"}
+    environment = {key: value for key, value in os.environ.items() if key not in threads}
+    words = [sys.executable, str(script), str(description), str(tmp_path / "out")]
+    result = subprocess.run(
+        words, capture_output=True, text=True, check=False, env=environment, timeout=WAIT_S
+    )
+    assert result.returncode == 0, result.stderr
+
+
 def test_too_little_memory_is_a_failure_of_that_patient(description, tmp_path):
     outcome = make_patient(task(description, tmp_path, 0, memory_gb=0.1))
     assert outcome.failed

@@ -101,11 +101,8 @@ def local_client(workers: Workers) -> Iterator[Client]:
         If they do not start, as when something kills them.
     """
     environment = dict.fromkeys(THREAD_VARIABLES, str(workers.threads))
-    # Set before a worker's process begins: a script's own imports may load Numba in it.
-    before = "distributed.nanny.pre-spawn-environ"
-    spawned = {before: dask.config.get(before, {}) | environment}
     limit = 0 if workers.memory_gb == float("inf") else int(workers.memory_gb * 1e9)
-    with dask.config.set(QUIET | spawned):
+    with dask.config.set(QUIET):
         try:
             cluster = LocalCluster(
                 n_workers=workers.count, threads_per_worker=1, processes=True, memory_limit=limit,
