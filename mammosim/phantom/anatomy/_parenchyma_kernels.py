@@ -47,7 +47,7 @@ SUB_CELL = 0.32
 """Half diagonal of a cell of the sub-grid against that of its block: a quarter, and more where
 coordinates are not linear."""
 
-MUSCLE_FAT = 0.18
+MUSCLE_FAT = 0.11
 """Mean thickness of the fat between bundles of muscle, mm. Chosen."""
 
 BORDER_MM = 1.1
@@ -349,7 +349,7 @@ def gather_walls(
     """
     if only_muscle:
         radius = _net_frame(block, FIBRE, h)
-        reach = wall_reach(MUSCLE_FAT, voxel) * _stretch(block.slope)
+        reach = wall_reach(MOST_UNEVEN * MUSCLE_FAT, voxel) * _stretch(block.slope)
         return gather(texture.bundles, block.centre, radius, reach, block.slope, block.near)
     thick = MOST_UNEVEN * block.corner[SEPTUM].max()
     if gland == 2 or thick <= 0.0:

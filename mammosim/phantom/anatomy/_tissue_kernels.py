@@ -39,7 +39,7 @@ from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
 from mammosim.phantom.anatomy._grain_kernels import (
     MOST_UNEVEN,
     gland_grain_at,
-    grain_at,
+    muscle_grain_at,
     wall_unevenness,
 )
 from mammosim.phantom.anatomy._net_kernels import (
@@ -184,7 +184,7 @@ def _fill_block(
     reach = wall_reach(MOST_UNEVEN * corner[SEPTUM].max(), voxel)
     if only_muscle:
         net, net_at, border = texture.bundles, FIBRE, 0.0
-        reach = wall_reach(MUSCLE_FAT, voxel)
+        reach = wall_reach(MOST_UNEVEN * MUSCLE_FAT, voxel)
     far, per_step = border_reach(border, voxel), 1.0 / (APPROACH * voxel)
     o0, o1, o2, per = net.origin_mm[0], net.origin_mm[1], net.origin_mm[2], 1.0 / net.cell_mm
     tile, tile_scale, cap = texture.grain_tile, texture.tile_scale, texture.gland_cap
@@ -278,15 +278,13 @@ def _fill_block(
                         )
                         free_k = k + 1 + int(max(free, -voxel) * per_step)
                         if free < 0.0:
-                            thick = MUSCLE_FAT
-                            if not in_muscle:
-                                thick = septum_0 + w * septum_1
-                                thick *= wall_unevenness(tile, tile_scale, p, q, r)
+                            thick = MUSCLE_FAT if in_muscle else septum_0 + w * septum_1
+                            thick *= wall_unevenness(tile, tile_scale, p, q, r)
                             fill += wall_fill(
                                 place, pair, cells, listed, inside, least,
                                 (x_cell, y_cell, z_cell), thick, voxel, border,
                             )  # fmt: skip
-                    if in_muscle and grain_at(tile, tile_scale, p, q, r) > streaks:
+                    if in_muscle and muscle_grain_at(tile, tile_scale, p, q, r) > streaks:
                         fill = 1.0
                 if fill <= 0.0:
                     labels[i, j, k] = name[MUSCLE] if in_muscle else name[ADIPOSE]

@@ -88,8 +88,9 @@ GLAND_CAP = 0.45
 """The potential above the threshold counts for no more: holes of fat, a seventh of the volume,
 stay within compact gland. Chosen by eye."""
 
-MUSCLE_STREAKS = 1.3
-"""Standard deviations of the finest noise above which muscle is fat: a tenth of it."""
+MUSCLE_STREAKS = 1.75
+"""Standard deviations of the finest noise above which muscle is fat: a twenty-fifth of it.
+Chosen by eye."""
 
 Density = Literal["fatty", "scattered", "heterogeneous", "dense", "a", "b", "c", "d"]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy.axilla import across_mm, along_mm
-from mammosim.phantom.anatomy.noise import smooth_noise
+from mammosim.phantom.anatomy.noise import noise_over, smooth_noise
 from mammosim.phantom.anatomy.outline import (
     GRID_MM,
     Outline,
@@ -37,7 +37,7 @@ OWN_PART, OWN_MM = 0.5, 50.0
 the ridge's height: it varies less than the breast does. It is no thicker than fits under the ridge,
 so that its front stays straight up to the open end. Chosen."""
 
-FAT_IN_MUSCLE = 0.122
+FAT_IN_MUSCLE = 0.049
 """Share of fat between and within the muscle's bundles, as their walls and streaks make it."""
 
 BUNDLE_MM, BUNDLE_LENGTH = 8.0, 7.0
@@ -46,7 +46,12 @@ BUNDLE_MM, BUNDLE_LENGTH = 8.0, 7.0
 FIBRE_BEND_MM = (1.2, 50.0)
 """Amplitude and wavelength by which bundles are bent, mm: fibres are nearly straight. Chosen."""
 
-LAYERS_MM, THIN_MM = 50.0, 20.0
+CROSS_BEND_MM = (1.8, 16.0)
+"""Amplitude and wavelength, mm, by which walls between bundles are bent in a cross-section: a
+flat wall that a ray touches over a bundle's width draws a dark line, straight and sharp as on no
+mammogram. Along the fibres this noise is as long as bundles are. Chosen by eye."""
+
+LAYERS_MM, THIN_MM = 50.0, 32.0
 """Coordinate of the muscle's front across its layers, mm, so that they thin towards the nipple as
 the muscle does; and the thickness, mm, below which they end at the front instead. Chosen so that
 bundles are about as thick as wide where the muscle is thickest."""
@@ -167,5 +172,11 @@ def fibre_coordinates(
     distance = np.hypot(np.maximum(ahead, 1.0), across)
     fan = INSERTION_MM * np.arctan2(across, np.maximum(ahead, 1.0))
     layer = LAYERS_MM * x / np.maximum(muscled + x, THIN_MM)
-    parts = (distance / BUNDLE_LENGTH, fan, layer)
-    return [part + FIBRE_BEND_MM[0] * smooth_noise(rng, frame, FIBRE_BEND_MM[1]) for part in parts]
+    straight = list(np.broadcast_arrays(distance / BUNDLE_LENGTH, fan, layer))
+    bent = [
+        part + FIBRE_BEND_MM[0] * smooth_noise(rng, frame, FIBRE_BEND_MM[1]) for part in straight
+    ]
+    own = rng.spawn(1)[0]  # what is drawn next keeps its stream
+    for part in bent[1:]:
+        part += CROSS_BEND_MM[0] * noise_over(own, straight, CROSS_BEND_MM[1])
+    return bent
