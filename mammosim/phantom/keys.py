@@ -113,6 +113,12 @@ class PhantomKeys(TypedDict, total=False):
     `supine` in CT; the model `hyperelastic` first removes this weight (experimental). `none`: the
     shape is free of weight, as in generated breasts. Default: none."""
 
+    open_end: Literal["auto", "none"] | Sequence[float]
+    """Where the breast is cut off though the body goes on, as towards the axilla: oblique images
+    end there, other views leave it out. `auto`: a plane of tissue without skin, or on the array's
+    end, is looked for; `none`: what the voxels show is the breast's own surface; or the way out
+    there in the breast frame, such as `[0, 1, 1]`. Default: auto."""
+
     lesions_from_labels: FoundLesionSettings | FoundLesionKeys
     """Which mass voxels of the file form one lesion."""
 

@@ -58,7 +58,7 @@ def make_phantom(
         breast = read_phantom(
             Path(folder) / str(settings.file), labels, laterality, settings.axes,
             settings.voxel_mm, settings.reduce, settings.compressed_for,
-            **settings.lesions_from_labels.model_dump(),
+            **settings.lesions_from_labels.model_dump(), open_end=settings.open_end,
         )  # fmt: skip
     landmarks = _landmarks(breast, settings.landmarks)
     rng = np.random.default_rng([seed, _LESION_STREAM, *([breast_number] if breast_number else [])])

@@ -15,6 +15,7 @@ from mammosim.errors import InputError
 from mammosim.geometry import VIEW_NAMES, VoxelFrame
 from mammosim.phantom.bodies import find_bodies
 from mammosim.phantom.breast import BreastPhantom, CompressedState
+from mammosim.phantom.cut_ends import Wish, find_open_end
 from mammosim.phantom.found_lesions import named_lesions, number_lesions
 from mammosim.phantom.label_table import LABELS_FILE
 from mammosim.phantom.lesion_pieces import MERGE_MM, MIN_VOLUME_MM3
@@ -40,6 +41,7 @@ def read_phantom(
     compressed_for: str | None = None,
     merge_mm: float = MERGE_MM,
     min_volume_mm3: float = MIN_VOLUME_MM3,
+    open_end: Wish = "auto",
 ) -> BreastPhantom:
     """Read a labelled voxel breast.
 
@@ -66,6 +68,9 @@ def read_phantom(
     merge_mm, min_volume_mm3 : float
         Pieces of masses nearer than this to each other are one lesion, and pieces smaller than
         this belong to the nearest one.
+    open_end : "auto", "none" or (3,)
+        Where the breast is cut off though the body goes on, as towards the axilla: the way out
+        there, breast frame; by default it is looked for.
 
     Returns
     -------
@@ -125,11 +130,16 @@ def read_phantom(
         )
     if not labelled:
         notes.append("no nipple is labelled: the most anterior tissue was used")
+    end = None
+    if held is None:
+        end, end_notes = find_open_end(voxels, frame, nipple_mm, open_end)
+        notes += end_notes
     tissue_of_label = {tissue.label: tissue.name for tissue in TISSUES.values()}
     tissue_of_label.update({lesion.label: lesion.tissue for lesion in lesions})
     return BreastPhantom(
         voxels, volume.voxel_mm, volume.origin_mm, side, tissue_of_label, nipple_mm, lesions,
-        compressed=held, source=path.name, orientation=volume.orientation, notes=tuple(notes),
+        open_end=end, compressed=held, source=path.name, orientation=volume.orientation,
+        notes=tuple(notes),
     )  # fmt: skip
 
 

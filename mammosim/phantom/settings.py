@@ -160,6 +160,12 @@ class PhantomSettings(Settings):
     `supine` in CT; the model `hyperelastic` first removes this weight (experimental). `none`: the
     shape is free of weight, as in generated breasts."""
 
+    open_end: Literal["auto", "none"] | Position = "auto"
+    """Where the breast is cut off though the body goes on, as towards the axilla: oblique images
+    end there, other views leave it out. `auto`: a plane of tissue without skin, or on the array's
+    end, is looked for; `none`: what the voxels show is the breast's own surface; or the way out
+    there in the breast frame, such as `[0, 1, 1]`."""
+
     lesions_from_labels: FoundLesionSettings = FoundLesionSettings()
     """Which mass voxels of the file form one lesion."""
 
@@ -210,7 +216,8 @@ class PhantomSettings(Settings):
             problems.append(f"exactly one of 'file' and 'generate' must be given, found {given}")
         if self.file is None and self.generate is not None:
             keys = (
-                "labels", "axes", "voxel_mm", "reduce", "compressed_for", "lesions_from_labels"
+                "labels", "axes", "voxel_mm", "reduce", "compressed_for", "open_end",
+                "lesions_from_labels",
             )  # fmt: skip
             problems += [
                 f"'{key}' belongs to 'file', not to 'generate'"
@@ -221,12 +228,22 @@ class PhantomSettings(Settings):
                 f"shaped_under: found {self.shaped_under} with compressed_for: "
                 f"{self.compressed_for}; a breast between plates has their shape, so leave one out"
             )
+        if isinstance(self.open_end, tuple):
+            problems += self._problems_of_way()
         names = [le.name for le in self.lesions] + [mark.name for mark in self.landmarks]
         for name in sorted({name for name in names if names.count(name) > 1}):
             problems.append(f"the name '{name}' is used more than once")
         if problems:
             raise ValueError("; ".join(problems))
         return self
+
+    def _problems_of_way(self) -> list[str]:
+        """What is wrong with a way out that is given."""
+        if self.compressed_for is not None:
+            return ["open_end: a breast between plates ends where its voxels do; leave it out"]
+        if isinstance(self.file, dict):
+            return ["open_end: one way does not hold for both sides; expected auto or none"]
+        return []
 
     def of_side(self, side: Side, *, first: bool = True) -> PhantomSettings:
         """One breast's phantom, with the lesions and landmarks that are in it.
