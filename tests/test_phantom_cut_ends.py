@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 import mammosim
 from mammosim.geometry import View, VoxelFrame
-from mammosim.phantom import PhantomSettings, leaves_picture, without_open_end
+from mammosim.phantom import PhantomSettings, leaves_picture, phantom_summary, without_open_end
 from mammosim.phantom._cut_kernels import count_faces, count_places
 from mammosim.phantom.cut_ends import find_open_end
 
@@ -91,6 +93,18 @@ def test_other_views_leave_out_what_leads_to_the_axilla(generated, reread):
     covers = np.isin(np.arange(256), [2, 33])
     count_faces(held.labels, covers, bare)
     assert bare[10:, :, 1:].sum() < 0.02 * bare[10:, :, 0].sum()  # skin closes it
+
+
+def test_its_volume_does_not_depend_on_where_it_lies(reread):
+    shift_mm = np.array([0.0, -300.0, 50.0])
+    moved = replace(
+        reread, origin_mm=reread.origin_mm + shift_mm, nipple_mm=reread.nipple_mm + shift_mm
+    )
+    labels, voxel_mm = reread.labels, reread.voxel_mm
+    frame = VoxelFrame(moved.origin_mm, voxel_mm, labels.shape)
+    end, _ = find_open_end(labels, frame, moved.nipple_mm, "auto")
+    here, there = (phantom_summary(b) for b in (reread, replace(moved, open_end=end)))
+    assert here.breast_ml == pytest.approx(there.breast_ml, rel=1e-9)
 
 
 def test_oblique_views_end_there_and_others_do_not(reread):

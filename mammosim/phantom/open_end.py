@@ -153,7 +153,7 @@ def abdominal_counts(breast: BreastPhantom) -> NDArray[np.int64]:
     end = breast.open_end
     if end is None:
         return np.zeros(256, np.int64)
-    y, z = (breast.frame.axis_mm(axis) for axis in (1, 2))
+    y, z = (breast.frame.axis_mm(axis) - breast.nipple_mm[axis] for axis in (1, 2))
     counts = np.zeros((breast.labels.shape[0], 256), np.int64)
     depth = _coarse_depth(breast, end)
     count_left_out(depth, end.normal[1] * y, end.normal[2] * z, breast.labels, counts)
