@@ -403,3 +403,27 @@ def test_the_skin_line_rises_over_more_where_the_margin_is_wide():
         pixels = present(attenuation, PIXEL_MM, 2.6).pixels
         rises.append(at_depth(pixels, depth, 0.5, 0.9) / at_depth(pixels, depth, 1.9, 2.3))
     assert rises[1] < 0.9 * rises[0]
+
+
+def test_thicker_skin_makes_a_brighter_line():
+    """It varies along the outline as the skin does, and is nowhere lost."""
+    lines = []
+    for skin_mm in (0.9, 1.5, 2.2):
+        attenuation, depth = with_skin(skin_mm)
+        pixels = present(attenuation, PIXEL_MM, 2.6).pixels
+        lines.append(at_depth(pixels, depth, 0.9, 1.3))
+    assert lines[0] > 2.5 * FAT_GREY
+    assert lines[1] > 1.1 * lines[0]
+    assert lines[2] > 1.05 * lines[1]
+
+
+def test_no_line_crosses_the_base_of_a_nipple():
+    """The breast's own edge, seen through the nipple, ends in what is evenly bright."""
+    attenuation, _ = with_skin()
+    rows, columns = np.indices(SHAPE)
+    row, edge = SHAPE[0] // 2, 250
+    plug = (abs(rows - row) < 25) & (columns > edge - 40) & (columns < edge + 20)
+    thick = gaussian_filter(np.where(plug, np.float32(0.6), np.float32(0.0)), 0.5)
+    pixels = present(np.maximum(attenuation, thick), PIXEL_MM, 2.6).pixels
+    line = pixels[row - 5 : row + 6, edge - 6 : edge + 12].mean(axis=0) / MAXIMUM
+    assert line.max() - line.min() < 0.15

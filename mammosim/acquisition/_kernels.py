@@ -299,23 +299,30 @@ def present_kernel(
     thread: Thread,
     attenuation: F32,
     missing: F64,
+    edge: F64,
     rise: F64,
+    evened: F64,
     base: F64,
     middle: F64,
     even: F64,
     cell: float,
+    edge_reach: tuple[float, float],
+    nipple: float,
     curve: ToneCurve,
     maximum: float,
     out_pixels: NDArray[np.uint16],
 ) -> None:
     """Add what the margin lacks, split the sum into base and detail, and show both as grey.
 
-    `missing`, `rise`, `base`, `middle` (between base and the image) and `even` (0 beside strong
-    steps, else 1) are coarse and interpolated linearly. Detail is added to the base, weak detail
-    times the gain of its scale, and raised where the curve is flat; the curve's toe shows the sum,
-    and on its shoulder detail keeps a part of its contrast, wide detail most of it. Grain moves
-    along a sigmoid instead, so that it does not stand out where the curve is steep. The sum is bent
-    at white once more, so that nothing is clipped. Grey rises from black over the skin line.
+    `missing`, `edge`, `rise`, `evened`, `base`, `middle` (between base and the image) and `even` (0
+    beside strong steps, else 1) are coarse and interpolated linearly. `edge` is added in full up to
+    the first place on the ramp of `rise` of `edge_reach`, and not at all from the second; then the
+    sum goes the part `evened` of the way to the attenuation `nipple`. Detail is added to the base,
+    weak detail times the gain of its scale, and raised where the curve is flat; the curve's toe
+    shows the sum, and on its shoulder detail keeps a part of its contrast, wide detail most of it.
+    Grain moves along a sigmoid instead, so that it does not stand out where the curve is steep. The
+    sum is bent at white once more, so that nothing is clipped. Grey rises from black over the skin
+    line.
     """
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
     rows, columns = attenuation.shape
@@ -328,6 +335,9 @@ def present_kernel(
                 out_pixels[row, column] = 0  # air
                 continue
             level = attenuation[row, column] + _interpolated(missing, y, x)
+            near, far = edge_reach
+            level += _edge_part((far - place) / (far - near)) * _interpolated(edge, y, x)
+            level += _interpolated(evened, y, x) * (nipple - level)
             smooth = _interpolated(base, y, x)
             straight = curve.fat_grey + slope * (smooth - curve.fat)
             shown = _bent(straight, curve.toe, curve.shoulder, curve.white)

@@ -57,9 +57,10 @@ three women from two manufacturers; this is a range of 1.5."""
 SHARPNESS = (0.5, 0.9)
 """Range of a unit's sharpness. Chosen."""
 
-SKIN_RISES = (0.9, 2.0)
+SKIN_RISES = (0.8, 1.3)
 """Range of a unit's rise of the skin line: on clinical images grey rises over 0.55 to 1.65 mm in
-CC, 0.93 mm on average (twelve images). With more than this the line itself becomes a dim band."""
+CC, 0.93 mm on average (twelve images), and is brightest 0.7 to 1.2 mm below the edge (six). With
+more than this the line is brightest beyond that, and a dim band."""
 
 WHITES = (0.76, 0.92)
 """Range of the grey that muscle nears: on clinical images muscle is at 0.34 to 0.81 (five)."""

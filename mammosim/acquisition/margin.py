@@ -96,18 +96,19 @@ PLATEAU_QUANTILE = 0.05
 MAX_GLAND = 1.0
 """The darkest of what is that deep holds no more gland than this (ln): 4 cm."""
 
-EDGE_GAIN, EDGE_TOP, EDGE_REACH = 0.85, 2.0, (1.0, 1.4)
-"""Skin and nipple on the level of fat are raised by the first part of gland's contrast, and those
-with the second part of it not at all, linear between, so that differences along the outline stay;
+EDGE_GAIN, EDGE_TOP, EDGE_REACH = 0.66, 6.0, (1.0, 1.8)
+"""Skin on the level of fat is raised by the first part of gland's contrast, and that with the
+second part of it not at all, linear between: nine tenths of the differences along the outline stay;
 and the places on the skin line's ramp up to which this is done in full and beyond which not at all.
 On clinical images skin is about as bright as gland, in dense breasts too: their filters bring out
-what stands against the black of air. Set by eye."""
+what stands against the black of air. Where it is least it has two thirds of its mean grey (tenth
+part of the outline, six images). Set by eye."""
 
-NIPPLE_LIFT, NIPPLE_REACHED_MM = 0.9, (1.0, 4.0)
-"""Part of what is missing up to the level of gland that is added to a nipple in profile instead;
-and the distances from it up to which this is done in full and beyond which not at all: on clinical
-images a nipple is evenly as bright as the skin line beside it, or brighter (three women), with no
-darker middle and no line across its base. Set by eye."""
+NIPPLE_LEVEL, NIPPLE_EVENED, NIPPLE_REACHED_MM = 1.1, 0.75, (0.5, 5.0)
+"""A nipple in profile is brought near this part of gland's contrast, by the second part of what it
+has less or more; and the distances from it up to which this is done in full and beyond which not at
+all. On clinical images a nipple is evenly as bright as the skin line beside it, or brighter (three
+women), and fades into the breast with no line across its base. Set by eye."""
 
 LIFT, LIFT_MM = 0.65, 4.5
 """Part of what is missing up to the level of gland that is added at the margin's edge, that of a
@@ -174,39 +175,54 @@ def missing_attenuation(
     return missing, rise, plateau
 
 
-def raised_edge(equalized: F64, margin: Margin, rise: F64, fat: float, contrast: float) -> F64:
-    """What is added to the margin, and to skin and nipple, which are seen before the black of air.
+def raised_edge(
+    equalized: F64, margin: Margin, plateau: float, fat: float, contrast: float
+) -> tuple[F64, F64]:
+    """What is added to the margin, and to its skin, which are seen before the black of air.
 
     Parameters
     ----------
     equalized : ndarray of float64, [row, column]
         Attenuation (ln) with what the margin lacks.
     margin : Margin
-    rise : ndarray of float64, [row, column]
-        Place on the ramp of the skin line.
+    plateau : float
+        Attenuation (ln) of fat at full thickness, above which skin is raised.
     fat, contrast : float
-        Attenuation (ln) of fat, and of gland above it.
+        Attenuation (ln) shown at the grey of fat, and that of gland above it.
+
+    Returns
+    -------
+    lifted : ndarray of float64, [row, column]
+        Part of what is missing up to the level of gland, so that more attenuation stays brighter.
+    raised : ndarray of float64, [row, column]
+        What skin has beyond that, to be added within `EDGE_REACH` of the skin line's ramp.
+    """
+    depth_mm = _outline_depth_mm(margin)
+    level = (equalized - fat) / contrast
+    above = (equalized - plateau) / contrast
+    lift = LIFT / (1.0 + np.square(np.maximum(depth_mm, 0.0) / LIFT_MM))
+    lifted = lift * (1.0 - np.clip(level, -1.0, 1.0))
+    raised = above - level + EDGE_GAIN * (1.0 - np.clip(above / EDGE_TOP, 0.0, 1.0))
+    return contrast * lifted, contrast * np.maximum(raised - lifted, 0.0)
+
+
+def evened_nipple(margin: Margin) -> F64:
+    """Part of the way to `NIPPLE_LEVEL` that a nipple in profile is brought, and what is near it.
+
+    Parameters
+    ----------
+    margin : Margin
 
     Returns
     -------
     ndarray of float64, [row, column]
-        Part of what is missing up to the level of gland, or for skin and nipple to above it, so
-        that more attenuation stays brighter.
     """
-    near, far = EDGE_REACH
-    depth_mm = _outline_depth_mm(margin)
-    level = (equalized - fat) / contrast
-    lift = LIFT / (1.0 + np.square(np.maximum(depth_mm, 0.0) / LIFT_MM))
-    edge = smooth_step((far - rise) / (far - near))
     nipple = margin.breast & ~margin.body
-    if nipple.any():
-        near, far = NIPPLE_REACHED_MM
-        close = smooth_step((far - distance_to(nipple) * margin.cell_mm) / (far - near))
-        lift += close * (NIPPLE_LIFT - lift)
-        edge *= 1.0 - close
-    lifted = lift * (1.0 - np.clip(level, 0.0, 1.0))
-    raised = EDGE_GAIN * (1.0 - np.clip(level / EDGE_TOP, 0.0, 1.0))
-    return contrast * (lifted + edge * np.maximum(raised - lifted, 0.0))
+    if not nipple.any():
+        return np.zeros(nipple.shape)
+    near, far = NIPPLE_REACHED_MM
+    close = smooth_step((far - distance_to(nipple) * margin.cell_mm) / (far - near))
+    return NIPPLE_EVENED * close
 
 
 def _outline_depth_mm(margin: Margin) -> F64:

@@ -12,7 +12,14 @@ from mammosim.acquisition._kernels import ToneCurve, present_kernel
 from mammosim.acquisition.blocks import block_mean, cell_pixels
 from mammosim.acquisition.breast_outline import Margin, find_margin, wall_is_left
 from mammosim.acquisition.looks import SHARP_LIMIT, SHARP_MM, Look, look_of
-from mammosim.acquisition.margin import missing_attenuation, raised_edge
+from mammosim.acquisition.margin import (
+    EDGE_REACH,
+    NIPPLE_LEVEL,
+    evened_nipple,
+    missing_attenuation,
+    raised_edge,
+    smooth_step,
+)
 from mammosim.acquisition.muscle import muscle_of
 
 CELL_MM = 0.5
@@ -115,7 +122,8 @@ def present(
     -----
     1. Peripheral equalization (`missing_attenuation`): what margin, nipple and thin places lack
        against fat at full thickness is added. It is smooth, so details keep their contrast.
-       Margin, skin and nipple are raised towards the level of gland (`raised_edge`).
+       Margin and skin are raised towards the level of gland (`raised_edge`), a nipple in profile is
+       evened out about it (`evened_nipple`).
     2. The sum is split into a base, smoothed over a window of 5 mm by the guided filter of He et
        al. (2013, IEEE Trans Pattern Anal Mach Intell 35:1397), which keeps strong edges, and
        detail, of which the same filter of 1.5 mm leaves the wide part.
@@ -138,8 +146,13 @@ def present(
         missing, rise, plateau = missing_attenuation(coarse, margin, fat, unit.skin_rise)
         equalized = coarse + missing
         low, contrast = _levels(equalized, margin, plateau, _resampled(region, coarse.shape))
-        raised = raised_edge(equalized, margin, rise, low, contrast)
-        missing, equalized = missing + raised, equalized + raised
+        near, far = EDGE_REACH
+        evened, nipple = evened_nipple(margin), low + NIPPLE_LEVEL * contrast
+        lifted, raised = raised_edge(equalized, margin, plateau, low, contrast)
+        raised *= 1.0 - evened
+        missing, equalized = missing + lifted, equalized + lifted
+        equalized += smooth_step((far - rise) / (far - near)) * raised
+        equalized += evened * (nipple - equalized)
         level = np.maximum(equalized, low - FLOOR_CONTRAST * contrast)
         base, even = _base(level, BASE_RADIUS_MM / margin.cell_mm)
         middle, _ = _base(level, MIDDLE_RADIUS_MM / margin.cell_mm)
@@ -148,8 +161,9 @@ def present(
         curve = ToneCurve(low, contrast, fat_place, GLAND_GREY, TOE, SHOULDER, unit.white, *gains)
         smooth = _restored(attenuation, unit, pixel_mm)
         present_kernel(
-            smooth, missing, rise, base, middle, even, float(cell), curve, float(MAXIMUM), pixels
-        )
+            smooth, missing, raised, rise, evened, base, middle, even, float(cell),
+            EDGE_REACH, nipple, curve, float(MAXIMUM), pixels,
+        )  # fmt: skip
     return Presentation(pixels, (MAXIMUM + 1) / 2, float(MAXIMUM + 1))
 
 

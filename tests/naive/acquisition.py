@@ -106,10 +106,12 @@ def bent(value, toe, shoulder, white):
     return value
 
 
-def grey(attenuation, missing, rise, base, middle, even, curve):
+def grey(attenuation, missing, edge, rise, evened, base, middle, even, reach, nipple, curve):
     """Grey (0 to 1) of one pixel, coarse images given where it is."""
-    part, inner = (3.0 * t**2 - 2.0 * t**3 for t in np.clip([rise, 0.5 * rise], 0.0, 1.0))
-    level = attenuation + missing
+    left = (reach[1] - rise) / (reach[1] - reach[0])  # of the edge's reach
+    ramps = np.clip([rise, 0.5 * rise, left], 0.0, 1.0)
+    part, inner, near = (3.0 * t**2 - 2.0 * t**3 for t in ramps)
+    level = (1.0 - evened) * (attenuation + missing + near * edge) + evened * nipple
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
 
     def with_toe(value):
