@@ -101,6 +101,16 @@ def test_what_ends_at_the_chest_wall_is_no_nipple():
     assert not body[nipple & ~half_disc(SHAPE, PIXEL_MM, 52.0)].any()
 
 
+def test_the_pointed_end_of_a_breast_is_no_nipple():
+    """Half an ellipse of 60 mm by 40 mm has a radius of 27 mm at its tip, as FDA's phantom has."""
+    rows, columns = np.indices(SHAPE)
+    breast = np.hypot((rows - 350) / 200.0, columns / 300.0) < 1.0
+    nipple = (abs(rows - 350) <= 20) & (columns < 325)  # 8 mm wide, 5 mm before the tip
+    body = without_nipple(breast | nipple, PIXEL_MM)
+    assert body[breast & (columns < 290)].all()
+    assert not body[nipple & (columns > 310)].any()
+
+
 def test_more_attenuation_in_the_nipple_is_brighter():
     changed, _ = with_nipple(*compressed_breast()[:2])
     shown = []

@@ -18,8 +18,13 @@ AIR_LEVEL = 0.04
 CONTOUR_SIGMA_MM = 1.5
 """Depths are smoothed by this much, because the edge of the mask is a staircase."""
 
-OUTLINE_RADIUS_MM = 35.0
-"""What no disc of this radius reaches protrudes from the outline: a nipple in profile."""
+OUTLINE_RADII_MM = (35.0, 20.0, 12.0)
+"""What no disc of this radius reaches protrudes from the outline: a nipple in profile. Where it is
+too wide for one the breast itself is pointed, and the next radius tells them apart."""
+
+MAX_NIPPLE_MM = 25.0
+"""No nipple is wider than this, root included: those of generated breasts are 7 to 18 mm wide. What
+the largest disc does not reach of the pointed end of FDA's phantom is 39 to 47 mm wide."""
 
 MIN_NIPPLE_MM = 1.0
 """A nipple protrudes by at least this much."""
@@ -92,20 +97,40 @@ def without_nipple(breast: NDArray[np.bool_], cell_mm: float) -> NDArray[np.bool
     cell_mm : float
         Pitch of the grid, mm.
     """
-    wide = int(np.ceil(OUTLINE_RADIUS_MM / cell_mm)) + 1
+    body = breast
+    for radius_mm in OUTLINE_RADII_MM:
+        outside, pointed = _protruding(breast, cell_mm, radius_mm)
+        body = breast & ~outside
+        if not pointed:
+            break
+    return body
+
+
+def _protruding(
+    breast: NDArray[np.bool_], cell_mm: float, radius_mm: float
+) -> tuple[NDArray[np.bool_], bool]:
+    """What no disc reaches and may be a nipple, and whether something is too wide for one."""
+    none = np.zeros(breast.shape, bool)
+    wide = int(np.ceil(radius_mm / cell_mm)) + 1
     padded = np.pad(breast, wide, mode="edge")
     if padded.all():
-        return breast
+        return none, False
     beyond = beyond_discs(padded, wide)[wide:-wide, wide:-wide]
     if np.isinf(beyond).all():  # a breast narrower than the disc
-        return breast
+        return none, False
     labels, count = ndimage.label(breast & (beyond > 0.0))
     far = ndimage.maximum(beyond * cell_mm, labels, np.arange(1, count + 1))
     nipples = 1 + np.flatnonzero(np.asarray(far) >= MIN_NIPPLE_MM)
     ends = (labels[0], labels[-1], labels[:, 0], labels[:, -1])
     nipples = np.setdiff1d(nipples, np.concatenate(ends))
-    body: NDArray[np.bool_] = breast & ~np.isin(labels, nipples)
-    return body
+    boxes = ndimage.find_objects(labels)
+    narrow = [
+        label for label in nipples
+        if cell_mm * np.hypot(*(side.stop - side.start for side in boxes[label - 1]))
+        <= MAX_NIPPLE_MM
+    ]  # fmt: skip
+    found: NDArray[np.bool_] = np.isin(labels, narrow)
+    return found, len(narrow) < len(nipples)
 
 
 def signed_depth(region: NDArray[np.bool_], sigma_cells: float) -> F64:
