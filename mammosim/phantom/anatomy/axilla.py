@@ -31,9 +31,16 @@ BODY_PART, BODY_MM = 0.6, 62.0
 """The ridge, and what else surrounds a breast, is sized by this part of an average breast's radius
 and the rest of its own: the body varies less than the breast. Chosen."""
 
-HEIGHT = (0.70, 0.90)
-"""Height of the ridge against the breast's depth, chosen so that the picture is as wide at its
-upper edge as clinical ones, 0.72 to 0.96 of its greatest width (docs/explanation/pictures.md)."""
+HEIGHT, ROOT = (0.62, 0.85), (0.68, 0.82)
+"""Height of the ridge at the open end and, on a straight line to there, at the nipple, against the
+breast's depth: lower than the breast there, as a fillet joins both. Chosen so that the picture is
+as wide at its upper edge as most clinical ones, 0.7 to 0.85 of its greatest width
+(docs/explanation/pictures.md has the range), and that the outline has no hollow between axilla and
+nipple."""
+
+LEAST_MM = 45.0
+"""Least height of the ridge at the open end before the breast is scaled to its volume, mm: the
+muscle under it varies less than breasts do. Shallow ones have what `HEIGHT` allows. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -43,30 +50,41 @@ class Axilla:
     Parameters
     ----------
     height_mm : float
-        How far it stands out from the chest wall.
+        How far it stands out from the chest wall at its end.
     half_width_mm : float
         Half its width across.
     offset_mm : float
         Its middle line against the nipple, upwards across its direction.
     cut_mm : float
         Where the phantom ends, along its direction from the nipple.
+    root_mm : float
+        How far it would stand out at the nipple.
     """
 
     height_mm: float
     half_width_mm: float
     offset_mm: float
     cut_mm: float
+    root_mm: float
+
+    def crest_mm(self, along: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Height of the ridge along its direction from the nipple, mm."""
+        part = np.clip(along / self.cut_mm, 0.0, 1.5)
+        crest: NDArray[np.float64] = self.root_mm + part * (self.height_mm - self.root_mm)
+        return crest
 
 
 def draw_axilla(shape: Shape, rng: np.random.Generator) -> Axilla:
     """A ridge that suits a breast: as high for its depth, and about as wide as the body has it."""
     radius = sized_mm(shape)
     start = 0.5 * shape.base_superior_mm
+    height = max(shape.depth_mm * rng.uniform(*HEIGHT), LEAST_MM)
     return Axilla(
-        height_mm=shape.depth_mm * rng.uniform(*HEIGHT),
+        height_mm=min(height, HEIGHT[1] * shape.depth_mm),
         half_width_mm=radius * rng.uniform(0.72, 0.90),
         offset_mm=start + radius * rng.uniform(-0.05, 0.1),
         cut_mm=radius * rng.uniform(1.50, 1.80) + start,
+        root_mm=shape.depth_mm * rng.uniform(*ROOT),
     )
 
 
@@ -101,11 +119,12 @@ def ridge_level(axilla: Axilla, shape: Shape, points_mm: Points) -> NDArray[np.f
     """
     x, lateral, superior = points_mm
     across = across_mm(lateral, superior) - axilla.offset_mm
-    way = along_mm(lateral, superior) / shape.radius_mm
+    along = along_mm(lateral, superior)
+    way = along / shape.radius_mm
     begun = smooth_step((way - RIDGE_FROM) / RIDGE_OVER)
     depth = np.clip(x, 0.0, None)
     inside: NDArray[np.float64] = (
         2.0 * begun - 1.0
-        - (np.abs(across) / axilla.half_width_mm) ** 2.2 - (depth / axilla.height_mm) ** 2.2
+        - (np.abs(across) / axilla.half_width_mm) ** 2.2 - (depth / axilla.crest_mm(along)) ** 2.2
     )  # fmt: skip
     return inside

@@ -18,7 +18,7 @@ FILLET_MM = 14.0
 """Width of the hollow over which breast and abdominal wall go into each other, mm: wide enough to
 stay open between plates. Chosen."""
 
-HEIGHT, HALF_LENGTH, HALF_WIDTH = (0.30, 0.40), (0.44, 0.62), (0.34, 0.42)
+HEIGHT, HALF_LENGTH, HALF_WIDTH = (0.28, 0.38), (0.34, 0.58), (0.34, 0.42)
 """Size of the mound against the breast's radius. Chosen so that an oblique image that begins 15 mm
 in front of the chest wall shows some millimetres of it, and so narrow that it thins off to its
 border between the plates as the breast does."""
@@ -27,7 +27,7 @@ MEETS, APART = 0.6, 0.95
 """The breast meets the mound at this part of its height, and the mound's middle lies this part of
 its half length farther down. Chosen by eye."""
 
-LOWER = 1.4
+LOWER = 1.1
 """From its middle on the mound ends more slowly than it begins, by this factor: the abdominal wall
 goes on below. Chosen by eye."""
 

@@ -103,7 +103,7 @@ def draw_muscle(rng: np.random.Generator) -> Muscle:
         for _ in range(4)
     )
     return Muscle(
-        wedge=rng.uniform(0.82, 0.97),
+        wedge=rng.uniform(0.88, 0.98),
         start_mm=rng.uniform(-85.0, -55.0),
         bulge=rng.uniform(1.0, 1.3),
         medial_mm=rng.uniform(3.0, 4.5),

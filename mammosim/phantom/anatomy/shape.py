@@ -47,6 +47,8 @@ class Shape:
         Growth of the base towards the upper outer quadrant, as a fraction of the radius.
     straight : tuple of float
         Profile towards lateral, medial, upper and lower: 0 is round, 1 a blunt cone's.
+    straight_upper_outer : float
+        Profile towards the upper outer quadrant, between lateral and upper.
     foot : tuple of float
         How far the base spreads on the chest wall in these directions, as a fraction of its reach:
         skin and fat of the chest, in which the breast ends.
@@ -67,6 +69,7 @@ class Shape:
     sag_mm: float
     fullness: float
     straight: tuple[float, float, float, float]
+    straight_upper_outer: float
     foot: tuple[float, float, float, float]
     boxiness: float
     ripple: tuple[float, float, float, float]
@@ -111,8 +114,9 @@ def draw_shape(volume_ml: float, rng: np.random.Generator) -> Shape:
             rng.uniform(0.65, 1.1),
             rng.uniform(0.35, 0.90),
             float(np.clip(0.35 + 0.4 * ptosis + 0.2 * rng.standard_normal(), 0.2, 1.1)),
-            rng.uniform(0.90, 1.20),
+            rng.uniform(0.75, 1.15),
         ),
+        straight_upper_outer=rng.uniform(-0.55, 0.05),
         foot=(
             rng.uniform(0.15, 0.30),
             rng.uniform(0.20, 0.40),
@@ -176,6 +180,7 @@ def level(shape: Shape, points_mm: Points) -> NDArray[np.float64]:
     up = superior - shape.base_superior_mm * shift + sag
     angle = np.arctan2(up, across)
     straight = _by_direction(shape.straight, angle)
+    straight = straight + (shape.straight_upper_outer - straight) * _upper_outer(angle)
     fall = np.exp(-x / (FOOT_PART * shape.radius_mm))
     reach = _reach_mm(shape, angle, t) * (1.0 + _by_direction(shape.foot, angle) * fall)
     p = 2.15 - 0.95 * straight
@@ -211,13 +216,18 @@ def _reach_mm(
     n = shape.boxiness
     outline = ((np.abs(cosine) / a) ** n + (np.abs(sine) / b) ** n) ** (-1.0 / n)
     c2, s2, c3, s3 = shape.ripple
-    upper_outer = np.exp(3.2 * (np.cos(angle - np.deg2rad(50.0)) - 1.0))
     reach: NDArray[np.float64] = shape.radius_mm * (
-        outline + shape.fullness * upper_outer * np.clip(1.0 - t, 0.0, 1.0) ** 0.5
+        outline + shape.fullness * _upper_outer(angle) * np.clip(1.0 - t, 0.0, 1.0) ** 0.5
         + c2 * np.cos(2 * angle) + s2 * np.sin(2 * angle)
         + c3 * np.cos(3 * angle) + s3 * np.sin(3 * angle)
     )  # fmt: skip
     return reach
+
+
+def _upper_outer(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """1 towards the upper outer quadrant, falling smoothly to nothing in the other three."""
+    share: NDArray[np.float64] = np.exp(3.2 * (np.cos(angle - np.deg2rad(50.0)) - 1.0))
+    return share
 
 
 def smooth_step(place: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim.geometry import VoxelFrame
+from mammosim.phantom.anatomy.axilla import CUT_DEG
 from mammosim.phantom.anatomy.outline import Outline
 from mammosim.phantom.anatomy.tubes import STEP_MM, Piece, turned, value_at
 from mammosim.tissues import TISSUES
@@ -19,6 +20,10 @@ ORIGINS_DEG = ((58.0, 22.0, 0.68), (175.0, 25.0, 0.32))
 """Where trunks enter, from lateral to superior: middle, spread and share. Most blood comes from the
 lateral thoracic vessels in the upper outer quadrant and from branches of the internal thoracic
 ones at the medial border."""
+
+BEFORE_END_MM, FAR_FROM_END = 3.0, 0.9
+"""Trunks that come from within 25 degrees of the axilla's direction, whose cosine is the second,
+start this far before the open end, mm. Chosen."""
 
 RADIUS_MM = {"vein": (0.5, 1.15), "artery": (0.4, 0.8)}
 """Range of a trunk's radius where it enters, mm: veins of mammograms are 1 to 3 mm wide. Chosen."""
@@ -33,7 +38,7 @@ ENDING_STEPS = 10.0
 """Steps over which a vessel that comes too near to the skin narrows to `THINNEST_MM` from a trunk's
 radius: it has no blunt end."""
 
-LENGTH_MM = (70.0, 150.0)
+LENGTH_MM = (90.0, 170.0)
 """Way along which a trunk tapers to `THINNEST_MM`, mm. Chosen."""
 
 STRAIGHTNESS, WINDING = 0.86, 0.030
@@ -108,11 +113,17 @@ def _entry(
     frame: VoxelFrame,
     angle: float,
 ) -> NDArray[np.float64]:
-    """A point at the border of the breast, under the skin and in front of the muscle, mm."""
+    """A point at the border of the breast, under the skin and in front of the muscle, mm.
+
+    Towards the axilla it lies near the open end: an oblique view shows the vessel from its edge on.
+    """
     out = np.array([0.0, np.cos(angle), np.sin(angle)])
-    for reach in np.arange(1.2, 0.3, -0.05):
-        for x in (8.0, 14.0, 22.0, 32.0, 44.0):
-            point = np.array([x, 0.0, 0.0]) + reach * outline.shape.radius_mm * out
+    radius, end = outline.shape.radius_mm, outline.axilla.cut_mm - BEFORE_END_MM
+    slant = max(float(np.cos(angle - np.deg2rad(CUT_DEG))), FAR_FROM_END)
+    farthest = 1.2 if slant == FAR_FROM_END else max(end / (slant * radius), 1.2)
+    for reach in np.arange(farthest, 0.3, -0.05):
+        for x in np.arange(8.0, 0.9 * outline.shape.depth_mm, 4.0):
+            point = np.array([x, 0.0, 0.0]) + reach * radius * out
             covered = value_at(skin_depth_mm, frame, point) > 5.0
             if covered and value_at(muscle_depth_mm, frame, point) < -2.0:
                 return point
