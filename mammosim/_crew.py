@@ -9,6 +9,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from mammosim._interruption import interruptions_wait
+
 _of_thread = threading.local()
 
 
@@ -51,9 +53,9 @@ class Crew:
         Raises
         ------
         KeyboardInterrupt
-            Once in each thread, if the crew was told to stop.
+            Once in each thread, if the crew was told to stop and it need not wait.
         """
-        if self._stopped and not _of_thread.interrupted:
+        if self._stopped and not _of_thread.interrupted and not interruptions_wait():
             _of_thread.interrupted = True
             raise KeyboardInterrupt
         return max(self._threads // max(self._at_work, 1), 1)

@@ -8,6 +8,7 @@ from typing import Literal, Unpack
 
 import numpy as np
 
+from mammosim._interruption import until_kept
 from mammosim._jit import one_blas_thread
 from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.credibility import believed
@@ -26,6 +27,7 @@ from mammosim.phantom import BreastPhantom, as_held
 MODELS.update(springs=SPRINGS, hyperelastic=HYPERELASTIC, none=UNCOMPRESSED)
 
 
+@until_kept()
 @one_blas_thread
 @documents_keys(CompressionSettings, CompressionKeys)
 def compress(

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
+from mammosim._interruption import hold_interruptions
 from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.breast_elements import elements_of
 from mammosim.compression.continuation import continued
@@ -166,6 +167,7 @@ def compress_hyperelastic(
         opened = replace(plates, support_z_mm=bottom - edge_mm, paddle_z_mm=top + edge_mm)
         return opened, _Reached(stages.at_rest(opened), opened)
 
+    hold_interruptions()
     _, reached = settled(plates, settings, top - bottom, balance, equilibrium, at_rest)
     if tilt is not None and reached.at_stop:
         stop = f"{view.folder}: the paddle reaches its stop at {tilt.max_deg:g} degrees"

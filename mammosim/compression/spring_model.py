@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mammosim._interruption import hold_interruptions
 from mammosim._wording import counted
 from mammosim.compression.breast import CompressedBreast
 from mammosim.compression.continuation import continued
@@ -137,6 +138,7 @@ def compress_springs(
     plates, state = settled(
         plates, settings, top - bottom, _balanced_height(case, edge), equilibrium, at_rest
     )
+    hold_interruptions()
     return _result(
         breast, view, case, plates, state, (*_cautions(settings), *case.lattice.notes, *notes)
     )

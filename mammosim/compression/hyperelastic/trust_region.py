@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mammosim._interruption import interruptible
 from mammosim.compression.hyperelastic.body import Body
 from mammosim.compression.hyperelastic.contact import Contact
 from mammosim.compression.hyperelastic.newton import State, Step, Value, evaluate, step_of
@@ -153,8 +154,9 @@ def minimise(
         if done or length == 0.0 or number == max_steps or value.smallest >= unfolded:
             break
         try:
-            model = _direction(body, contact, u, value, search)
-            trial = _shortened(body, contact, u, value, model)
+            with interruptible():
+                model = _direction(body, contact, u, value, search)
+                trial = _shortened(body, contact, u, value, model)
         except KeyboardInterrupt:
             interrupted = True
             break

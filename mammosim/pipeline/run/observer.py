@@ -13,6 +13,7 @@ from typing import Any, ParamSpec, Protocol, Self, TypeVar
 
 import numpy as np
 
+from mammosim._interruption import until_kept
 from mammosim._side_by_side import signals_held
 from mammosim.acquisition import Mammogram
 from mammosim.compression import CompressedBreast, CompressionSettings
@@ -203,6 +204,7 @@ class RunObserver:
             self._breasts.append(breast)
             return breast
 
+    @until_kept()
     def _compression(
         self, folder: str, compress: Callable[..., CompressedBreast], breast: BreastPhantom,
         view: View, settings: CompressionSettings, *, seed: int,
