@@ -22,9 +22,6 @@ from mammosim.projection._grid_kernels import (
 LABELS_PER_WORD = 8
 """Labels that are looked at together, as one 64-bit word of a little-endian machine."""
 
-LABELS = 256
-"""How many labels there are."""
-
 STEEP = 4.0
 """Segments that go through more voxels than this along z before they leave a column are followed
 column by column, others slab by slab. Along a column voxels lie side by side in memory."""
@@ -61,9 +58,9 @@ class Beam(NamedTuple):
 class Voxels(NamedTuple):
     """The phantom's labels, run together, and what they are added to.
 
-    `words` is the same memory, eight labels a word (the rest that fills no word left out). `wanted`
-    are the labels whose lengths are asked for, `channel_of_label` the channel of each; the others
-    go to a channel behind the last.
+    `words` is the same memory, eight labels a word (the rest that fills no word left out).
+    `channel_of_label` is the channel of each label; those whose lengths are not asked for go to a
+    channel behind the last.
     """
 
     labels: Labels
@@ -71,8 +68,7 @@ class Voxels(NamedTuple):
     size_x: int
     size_y: int
     size_z: int
-    wanted: NDArray[np.int64]
-    channel_of_label: NDArray[np.int64]
+    channel_of_label: Words
 
 
 @parallel_kernel
@@ -93,7 +89,7 @@ def trace(
     """
     channels, rows, columns = out_length.shape
     for turn in share(thread, 0, band_order.size):
-        shares, sums = np.zeros((3, LABELS)), np.zeros((channels + 1, 2))
+        shares, sums = np.zeros((3, channels + 1)), np.zeros((2, channels + 1))
         first = band_order[turn] * band_rows
         for column in range(columns):
             for row in range(first, min(first + band_rows, rows)):
@@ -102,9 +98,9 @@ def trace(
                 if not _ray(slope_u, slope_v, beam, nodes, voxels, shares, sums):
                     continue
                 for channel in range(channels):
-                    if sums[channel, 0] > 0.0:
-                        out_length[channel, row, column] = sums[channel, 0]
-                        out_weighted[channel, row, column] = sums[channel, 1]
+                    if sums[0, channel] > 0.0:
+                        out_length[channel, row, column] = sums[0, channel]
+                        out_weighted[channel, row, column] = sums[1, channel]
                 sums[:] = 0.0
 
 
@@ -180,12 +176,12 @@ def _segment(
         )  # fmt: skip
         return
     if delta_z <= delta_x and delta_z <= delta_y:
-        _through_slabs(first, t_in, t_out, along_z, along_x, along_y, voxels.labels, shares)
+        _through_slabs(first, t_in, t_out, along_z, along_x, along_y, voxels, shares)
     elif delta_y <= delta_x:
-        _through_slabs(first, t_in, t_out, along_y, along_x, along_z, voxels.labels, shares)
+        _through_slabs(first, t_in, t_out, along_y, along_x, along_z, voxels, shares)
     else:
-        _through_slabs(first, t_in, t_out, along_x, along_y, along_z, voxels.labels, shares)
-    _gather(voxels, length, weighted, shares, sums)
+        _through_slabs(first, t_in, t_out, along_x, along_y, along_z, voxels, shares)
+    _gather(length, weighted, shares, sums)
 
 
 @borrowing_kernel
@@ -264,25 +260,26 @@ def _add(
 ) -> None:
     """Add a part of a segment, plain and weighted, to the channel of a label."""
     channel = voxels.channel_of_label[label]
-    sums[channel, 0] += part * lengths[0]
-    sums[channel, 1] += part * lengths[1]
+    sums[0, channel] += part * lengths[0]
+    sums[1, channel] += part * lengths[1]
 
 
 @borrowing_kernel
 def _through_slabs(
-    at: int, t_in: float, t_out: float, across: Axis, one: Axis, other: Axis, labels: Labels,
+    at: int, t_in: float, t_out: float, across: Axis, one: Axis, other: Axis, voxels: Voxels,
     shares: Floats,
 ) -> None:  # fmt: skip
-    """Share a segment among labels, slab by slab; `at` is its first voxel.
+    """Share a segment among channels, slab by slab; `at` is its first voxel.
 
     In a slab the segment comes to the next voxel at most once along each of the other axes: it is
     in up to three voxels, and each gets its part, be it 0, without a branch that could go either
-    way. Their parts go to three rows of `shares` [3, label], since a sum must wait for the one
+    way. Their parts go to three rows of `shares` [3, channel], since a sum must wait for the one
     before it.
     """
     t_slab, delta_slab, step_slab = across
     t_one, delta_one, step_one = one
     t_other, delta_other, step_other = other
+    labels, channel_of_label = voxels.labels, voxels.channel_of_label
     before = t_in
     while before < t_out:
         t = min(t_slab, t_out)
@@ -291,9 +288,9 @@ def _through_slabs(
         to_one, to_other = step_one * int(t_one < t), step_other * int(t_other < t)
         middle = at + (to_one if t_one < t_other else to_other)
         last = at + to_one + to_other
-        shares[0, labels[np.uint64(at)]] += first - before
-        shares[1, labels[np.uint64(middle)]] += second - first
-        shares[2, labels[np.uint64(last)]] += t - second
+        shares[0, channel_of_label[labels[np.uint64(at)]]] += first - before
+        shares[1, channel_of_label[labels[np.uint64(middle)]]] += second - first
+        shares[2, channel_of_label[labels[np.uint64(last)]]] += t - second
         t_one += delta_one if t_one < t else 0.0
         t_other += delta_other if t_other < t else 0.0
         t_slab += delta_slab
@@ -302,17 +299,16 @@ def _through_slabs(
 
 
 @borrowing_kernel
-def _gather(voxels: Voxels, length: float, weighted: float, shares: Floats, sums: Floats) -> None:
-    """Add the labels' shares of a segment to their channels, plain and weighted, and clear them.
+def _gather(length: float, weighted: float, shares: Floats, sums: Floats) -> None:
+    """Add the channels' shares of a segment to their sums, plain and weighted, and clear them.
 
     `length` is the whole segment's in the compressed breast, mm.
     """
-    for label in voxels.wanted:
-        share_of_label = shares[0, label] + shares[1, label] + shares[2, label]
-        channel = voxels.channel_of_label[label]
-        sums[channel, 0] += share_of_label * length
-        sums[channel, 1] += share_of_label * weighted
-        shares[0, label] = shares[1, label] = shares[2, label] = 0.0
+    for channel in range(shares.shape[1]):
+        part = shares[0, channel] + shares[1, channel] + shares[2, channel]
+        sums[0, channel] += part * length
+        sums[1, channel] += part * weighted
+        shares[0, channel] = shares[1, channel] = shares[2, channel] = 0.0
 
 
 @kernel

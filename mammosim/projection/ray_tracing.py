@@ -13,7 +13,7 @@ from mammosim._side_by_side import dealt
 from mammosim.projection._ray_kernels import LABELS_PER_WORD, Beam, Voxels, trace
 
 # Rows that one thread traces together: neighbouring rays share the voxels in its cache.
-_BAND_ROWS = 32
+_BAND_ROWS = 64
 
 
 def trace_rays(
@@ -57,14 +57,12 @@ def trace_rays(
         nodes = nodes.copy()
         nodes[..., 3] = 1.0
     bands = -(-rows // _BAND_ROWS)
-    voxels = _voxels(labels, channel_of_label, channels)
+    voxels = _voxels(labels, channel_of_label)
     trace(dealt(bands), _BAND_ROWS, beam, nodes, voxels, length, weighted_length)
     return length, weighted_length
 
 
-def _voxels(
-    labels: NDArray[np.uint8], channel_of_label: NDArray[np.int64], channels: int
-) -> Voxels:
+def _voxels(labels: NDArray[np.uint8], channel_of_label: NDArray[np.int64]) -> Voxels:
     """The labels as the kernel wants them; copied only where they do not lie as it needs them."""
     labels = np.ascontiguousarray(labels)
     if labels.ctypes.data % LABELS_PER_WORD:
@@ -72,5 +70,4 @@ def _voxels(
     row = labels.reshape(-1)
     words = row[: row.size // LABELS_PER_WORD * LABELS_PER_WORD].view(np.uint64)
     nx, ny, nz = (int(size) for size in labels.shape)
-    wanted = np.flatnonzero(channel_of_label < channels)
-    return Voxels(row, words, nx, ny, nz, wanted, channel_of_label)
+    return Voxels(row, words, nx, ny, nz, channel_of_label.astype(np.uint64))
