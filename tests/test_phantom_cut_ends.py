@@ -181,7 +181,10 @@ def test_a_way_that_leads_forward_is_refused(way):
         ({"generate": {}, "open_end": "none"}, "belongs to 'file'"),
         ({"file": "a.mhd", "open_end": [0, 1, 1], "compressed_for": "CC"}, "between plates"),
         ({"file": {"L": "a.mhd", "R": "b.mhd"}, "open_end": [0, 1, 1]}, "both sides"),
-        ({"file": "a.mhd", "open_end": "axilla"}, "auto"),
+        ({"file": "a.mhd", "open_end": "axilla"}, "auto, none, or the way"),
+        ({"file": "a.mhd", "open_end": [0, 1]}, "auto, none, or the way"),
+        ({"file": "a.mhd", "open_end": [0, 1, float("nan")]}, "auto, none, or the way"),
+        ({"file": "a.mhd", "open_end": [1, 0, 0]}, "direction to the side"),
     ],
 )
 def test_an_open_end_that_makes_no_sense_is_refused(keys, message):

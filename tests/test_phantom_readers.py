@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import itertools
+import re
 import zlib
 from pathlib import Path
 
@@ -29,7 +30,7 @@ from make_volumes import (
 )
 
 from mammosim.errors import InputError
-from mammosim.phantom import phantom_summary, read_phantom
+from mammosim.phantom import PhantomSettings, make_phantom, phantom_summary, read_phantom
 from mammosim.phantom.readers import open_voxels
 from mammosim.phantom.readers.axes import AXIS_OF_LETTER
 from mammosim.phantom.voxels import read_volume
@@ -245,6 +246,16 @@ def test_a_voxel_size_in_another_unit_is_noted(tmp_path, voxel_mm, length):
     path = save(tmp_path / "b.npy", small_breast())
     notes = read_phantom(path, voxel_mm=voxel_mm).notes
     assert any(f"b.npy is {length} mm long: if its voxel size is in" in note for note in notes)
+
+
+@pytest.mark.parametrize(("voxel_mm", "length"), [(1e-3, "0.011"), (1000.0, "1.1e+04")])
+def test_a_run_refuses_a_breast_in_another_unit(tmp_path, voxel_mm, length):
+    np.savez(
+        tmp_path / "b.npz", labels=small_breast(), voxel_mm=np.full(3, voxel_mm),
+        origin_mm=np.zeros(3),
+    )  # fmt: skip
+    with pytest.raises(InputError, match=f"is {re.escape(length)} mm long, expected 5 to 1000 mm"):
+        make_phantom(PhantomSettings(file="b.npz"), folder=tmp_path)
 
 
 @pytest.mark.parametrize("axes", ["als", "AL", "ALL", "AP S", "LRS"])

@@ -6,7 +6,7 @@ lies bare on the array's end, or, in a file whose breast has skin, along an incl
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,11 @@ from mammosim.tissues import TISSUES
 
 Wish = Literal["auto", "none"] | tuple[float, float, float]
 """What a user says of the open end: to be found, none, or the way out of it."""
+
+WAY_EXPECTED = (
+    "auto, none, or the way out as a direction to the side, such as [0, 1, 1], with y to the "
+    "patient's left and z upwards"
+)
 
 COVERS = ("skin", "nipple")
 """Tissues with which a breast ends."""
@@ -78,6 +83,18 @@ class _Faces(NamedTuple):
     skin_mm: float
 
 
+def is_way_out(way: Any) -> bool:
+    """Whether something is a direction to the side, three numbers, within 30 degrees of it."""
+    try:
+        normal = np.asarray(way, dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    if normal.shape != (3,) or not np.isfinite(normal).all():
+        return False
+    length = float(np.linalg.norm(normal))
+    return length > 0.0 and abs(normal[0]) <= 0.5 * length
+
+
 def find_open_end(
     labels: NDArray[np.uint8], frame: VoxelFrame, nipple_mm: NDArray[np.float64], wish: Wish
 ) -> tuple[OpenEnd | None, tuple[str, ...]]:
@@ -112,7 +129,7 @@ def find_open_end(
     if held is None:
         notes.append(
             f"the breast {said}, too near to the nipple for views to leave it out: the cut was "
-            f"taken for its own surface, without skin"
+            f"taken for its own surface, without skin; if it is the chest wall, set phantom.axes"
         )
         return None, tuple(notes)
     notes += [
@@ -217,13 +234,9 @@ def _plane(
 
 def _given(labels: NDArray[np.uint8], frame: VoxelFrame, way: ArrayLike) -> CutEnd:
     """The end in a direction that the user gave: as far as tissue extends."""
+    if not is_way_out(way):
+        raise InputError(f"phantom.open_end: found {way}, expected {WAY_EXPECTED}")
     normal = np.asarray(way, dtype=np.float64)
-    length = float(np.linalg.norm(normal))
-    if length == 0.0 or abs(normal[0]) > 0.5 * length:
-        raise InputError(
-            f"phantom.open_end: found {normal.tolist()}, expected a direction to the side, such as "
-            f"[0, 1, 1], with y to the patient's left and z upwards"
-        )
     normal = np.array([0.0, *normal[1:]]) / float(np.linalg.norm(normal[1:]))
     section = labels.any(axis=0)
     y, z = (normal[axis] * frame.axis_mm(axis) for axis in (1, 2))

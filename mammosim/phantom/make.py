@@ -17,6 +17,7 @@ from mammosim.phantom.lesions import insert_lesions
 from mammosim.phantom.place import box_text, tissue_at
 from mammosim.phantom.read import read_phantom
 from mammosim.phantom.settings import LandmarkSettings, PhantomSettings
+from mammosim.phantom.voxels import MAX_LENGTH_MM, MIN_LENGTH_MM
 from mammosim.tissues import LABEL_MAPS
 
 _LESION_STREAM = 0x1E510
@@ -60,6 +61,7 @@ def make_phantom(
             settings.voxel_mm, settings.reduce, settings.compressed_for,
             **settings.lesions_from_labels.model_dump(), open_end=settings.open_end,
         )  # fmt: skip
+        _check_size(breast)
     landmarks = _landmarks(breast, settings.landmarks)
     rng = np.random.default_rng([seed, _LESION_STREAM, *([breast_number] if breast_number else [])])
     generated = settings.generate is not None  # so nothing else uses its labels
@@ -69,6 +71,17 @@ def make_phantom(
         landmarks=breast.landmarks + landmarks,
         shaped_under=None if settings.shaped_under == "none" else settings.shaped_under,
     )
+
+
+def _check_size(breast: BreastPhantom) -> None:
+    """Refuse a file that no breast fills, as where its unit is not the mm."""
+    longest = float(max(breast.voxel_mm * breast.labels.shape))
+    if not MIN_LENGTH_MM <= longest <= MAX_LENGTH_MM:
+        raise InputError(
+            f"{breast.source}: is {longest:.3g} mm long, expected {MIN_LENGTH_MM:g} to "
+            f"{MAX_LENGTH_MM:g} mm for a breast; if its voxel size is in another unit, set "
+            f"phantom.voxel_mm in mm"
+        )
 
 
 def _landmarks(breast: BreastPhantom, wanted: Sequence[LandmarkSettings]) -> tuple[Landmark, ...]:

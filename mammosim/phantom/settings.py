@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field, WithJsonSchema, field_validator, mod
 
 from mammosim.config import Name, Position, Settings
 from mammosim.phantom.anatomy import GenerateSettings
+from mammosim.phantom.cut_ends import WAY_EXPECTED, is_way_out
 from mammosim.phantom.lesion_kinds import LESION_KINDS, OwnKeys
 from mammosim.phantom.lesion_pieces import MERGE_MM, MIN_VOLUME_MM3
 from mammosim.phantom.memory import MAX_REDUCED
@@ -198,6 +199,13 @@ class PhantomSettings(Settings):
         if axes is not None and not are_axes(axes):
             raise ValueError(f"expected {AXES_EXPECTED}")
         return axes
+
+    @field_validator("open_end", mode="before")
+    @classmethod
+    def _a_way_out(cls, open_end: Any) -> Any:
+        if open_end not in ("auto", "none") and not is_way_out(open_end):
+            raise ValueError(f"expected {WAY_EXPECTED}")
+        return open_end
 
     @field_validator("voxel_mm")
     @classmethod
