@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from mammosim.errors import InputError
@@ -232,7 +232,7 @@ def _plane(
     return start + float(middle) * bin_mm + half_mm, float(within[best] / profile.sum())
 
 
-def _given(labels: NDArray[np.uint8], frame: VoxelFrame, way: ArrayLike) -> CutEnd:
+def _given(labels: NDArray[np.uint8], frame: VoxelFrame, way: tuple[float, float, float]) -> CutEnd:
     """The end in a direction that the user gave: as far as tissue extends."""
     if not is_way_out(way):
         raise InputError(f"phantom.open_end: found {way}, expected {WAY_EXPECTED}")
