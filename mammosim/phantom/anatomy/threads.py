@@ -49,7 +49,7 @@ class Bundles:
     pieces: int
 
 
-BUNDLES = (Bundles(3.0, 0.055, 0.9, 6.0, 0.6, 3), Bundles(1.0, 0.05, 0.85, 7.0, 0.5, 2))
+BUNDLES = (Bundles(3.0, 0.055, 0.8, 6.0, 0.6, 3), Bundles(1.0, 0.05, 0.85, 7.0, 0.5, 2))
 """Of the coarse and the fine foam. Chosen by eye."""
 
 THINNEST_MM, THICKEST_MM = 0.025, 0.5

@@ -50,7 +50,7 @@ class Web:
 WEB = Web(180.0, 20.0, 2.5, 0.05, 0.85, 9.0, 0.05)
 """Chosen by eye."""
 
-LONG = Web(1.0, 55.0, 2.5, 0.13, 0.45, 22.0, 0.02)
+LONG = Web(2.5, 55.0, 2.5, 0.10, 0.5, 22.0, 0.02)
 """Septa that are seen to run through much of a fatty breast: few, long, hardly bent. Chosen by
 eye."""
 
