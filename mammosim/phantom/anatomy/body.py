@@ -23,6 +23,7 @@ from mammosim.phantom.anatomy.outline import (
 )
 from mammosim.phantom.anatomy.settings import GenerateSettings
 from mammosim.phantom.anatomy.shape import TYPICAL_ML, draw_shape, like
+from mammosim.phantom.anatomy.skin import SKIN_MEAN_MM, SKIN_RANGE_MM
 from mammosim.phantom.breast import BreastPhantom, OpenEnd
 from mammosim.phantom.orientation import nipple_position
 from mammosim.tissues import TISSUES
@@ -96,7 +97,7 @@ def draw_body(settings: GenerateSettings, seed: int, laterality: str) -> Body:
     shared, _ = streams_of_woman(seed)
     size_rng, shape_rng = streams_of_breast(seed, laterality)[:2]
     volume_ml = _volume_ml(settings, shared, size_rng)
-    skin = float(np.clip(shared.normal(1.45, 0.18), 1.2, 2.0))
+    skin = float(np.clip(shared.normal(*SKIN_MEAN_MM), *SKIN_RANGE_MM))
     nipple = varied(draw_nipple(settings, shared), settings, shape_rng)
     shape = like(draw_shape(volume_ml, shared), shape_rng)
     axilla, muscle = draw_axilla(shape, shared), draw_muscle(shared)

@@ -44,8 +44,8 @@ class GenerateSettings(Settings):
     """Fibroglandular fraction of the volume within the skin, %; default: that of the class."""
 
     skin_mm: float | None = Field(default=None, ge=0.8, le=3.0)
-    """Thickness of the skin, mm; default: drawn by the seed from 1.2 to 2.0, mean 1.45 as in breast
-    CT (Huang et al. 2008, Med Phys 35:1199-1206)."""
+    """Thickness of the skin, mm; default: drawn by the seed as in breast CT, 1.44 with a standard
+    deviation of 0.25 (Shi et al. 2013, Med Phys 40(3))."""
 
     nipple_height_mm: float | None = Field(default=None, ge=2.0, le=12.0)
     """Height of the nipple above the areola, mm; default: drawn by the seed, 3.2 on average, from
