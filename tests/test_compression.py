@@ -21,6 +21,7 @@ from mammosim.compression.plates import population_thickness_mm
 from mammosim.compression.plates.placement import _thickness_mm
 from mammosim.compression.settings import CompressionSettings
 from mammosim.geometry import View
+from mammosim.phantom import as_held
 from mammosim.tissues import Moduli, stiffness_kpa
 
 
@@ -164,6 +165,17 @@ def test_a_thickness_that_the_breasts_height_limits_says_so(breast):
         )
         assert f"{expected:.1f} mm" in note
         assert "the population fit for a breast of" in note
+        assert "towards the axilla" not in note  # this breast ends at its own outline
+
+
+def test_the_volume_of_an_oblique_view_is_said_to_hold_the_way_to_the_axilla():
+    breast = mammosim.generate_phantom("fatty", 4.0, 1, volume_ml=350.0)
+    for name, extent in (("MLO", ", counted with the tissue towards the axilla"), ("CC", "")):
+        view = View(name, "L")
+        held = as_held(breast, view.rotation[1])
+        _, (note,) = _thickness_mm(CompressionSettings(), held, view, 200.0)
+        volume = f"a breast of {breast_volume_ml(held):.0f} mL"
+        assert note.endswith(f"the population fit for {volume}{extent}")
 
 
 def test_a_force_finds_its_thickness(breast):

@@ -153,6 +153,14 @@ def abdominal_counts(breast: BreastPhantom) -> NDArray[np.int64]:
     end = breast.open_end
     if end is None:
         return np.zeros(256, np.int64)
+    return _abdominal.of(breast, lambda: _count_abdominal(breast, end))
+
+
+_abdominal: Derived[BreastPhantom, NDArray[np.int64]] = Derived()
+"""Counts of breasts, whose volume is asked for several times in a run."""
+
+
+def _count_abdominal(breast: BreastPhantom, end: OpenEnd) -> NDArray[np.int64]:
     y, z = (breast.frame.axis_mm(axis) - breast.nipple_mm[axis] for axis in (1, 2))
     counts = np.zeros((breast.labels.shape[0], 256), np.int64)
     depth = _coarse_depth(breast, end)

@@ -183,7 +183,8 @@ def _thickness_mm(
     thickness = min(fitted, MAX_OF_HEIGHT * height_mm)
     if settings.force_n is not None:
         return thickness, ()
-    fit = f"the population fit for a breast of {volume_ml:.0f} mL"
+    axilla = ", counted with the tissue towards the axilla" if breast.open_end is not None else ""
+    fit = f"the population fit for a breast of {volume_ml:.0f} mL{axilla}"
     taken = f"{thickness:.1f} mm from {fit}"
     if thickness < fitted:
         taken = (
