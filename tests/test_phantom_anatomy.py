@@ -301,12 +301,16 @@ def test_a_set_volume_is_that_of_both_breasts():
 
 
 def test_a_breast_is_recognised_when_read(tmp_path):
-    for breast in (generate_phantom("b", 1.5, 4, side, volume_ml=250.0) for side in "LR"):
+    # In voxels of 1.5 mm thin skin has gaps, which hide where the breast is cut off.
+    for breast in (generate_phantom("b", 1.0, 4, side, volume_ml=250.0) for side in "LR"):
         path = tmp_path / f"{breast.laterality}.npz"
         np.savez(path, labels=breast.labels, voxel_mm=breast.voxel_mm, origin_mm=breast.origin_mm)
         read = read_phantom(path)
         assert read.laterality == breast.laterality
-        assert all("guessed from the muscle wedge" in note for note in read.notes)
+        assert len(read.notes) == 2
+        assert "guessed from the muscle wedge" in read.notes[0]
+        assert "taken for the way to the axilla" in read.notes[1]
+        assert read.open_end.normal @ breast.open_end.normal > 0.99
         np.testing.assert_allclose(read.nipple_mm, breast.nipple_mm)
 
 

@@ -17,9 +17,10 @@ BROAD = 2.5
 """Width of muscle's streaks of fat against the tile's structure: 1.2 to 10 mm, the width of its
 bundles and less, and about four times as long. Finer ones drew a hatching. Chosen by eye."""
 
-GLAND_PER_MM = 3.3
-"""Cells of the tile per millimetre of net coordinates in gland: wavelengths of 0.75 to 6 mm, half
-as much again along the direction in which plates press. Chosen by eye on projections."""
+GLAND_PER_MM = (1.8, 5.0, 3.0)
+"""Cells of the tile per millimetre of net coordinates in gland: across the way to the nipple
+wavelengths of 0.5 to 4 mm; 2.8 times as long along this way, on which lobes and ducts run, and 1.7
+times along the direction in which plates press. Chosen by eye on projections."""
 
 UNEVEN, UNEVEN_PER, MOST_UNEVEN = 1.8, 0.35, 1.7
 """Thickness of walls: change per unit of the tile's noise, which is stretched by the inverse of the
@@ -51,8 +52,8 @@ def wall_unevenness(tile: NDArray[np.int8], scale: float, p: float, q: float, r:
 
 @merged_kernel
 def gland_grain_at(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float) -> float:
-    """As `grain_at`, for gland, whose structure is coarser and has no direction."""
-    a = int(p * GLAND_PER_MM + 65536.0) & (TILE - 1)
-    b = int(q * GLAND_PER_MM + 65536.0) & (TILE - 1)
-    c = int(r * GLAND_PER_MM + 65536.0) & (TILE - 1)
+    """As `grain_at`, for gland, on scales of its own."""
+    a = int(p * GLAND_PER_MM[0] + 65536.0) & (TILE - 1)
+    b = int(q * GLAND_PER_MM[1] + 65536.0) & (TILE - 1)
+    c = int(r * GLAND_PER_MM[2] + 65536.0) & (TILE - 1)
     return scale * tile[a, b, c]
