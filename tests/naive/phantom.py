@@ -121,7 +121,8 @@ def _full_potential(texture, corners, node, place, coarse_mm):
 
 
 def grain(texture, origin_mm, coarse_mm, point_mm):
-    """The finest noise at a point of gland: the tile's cell at its net coordinates."""
+    """The finest noise at a point of gland: the tile's cell at its net coordinates, of which the
+    first points to the nipple."""
     at = (np.asarray(point_mm) - origin_mm) / coarse_mm
     block = np.floor(at).astype(int)
     corners = texture.fields[tuple(slice(n, n + 2) for n in block)].astype(float)
@@ -130,7 +131,7 @@ def grain(texture, origin_mm, coarse_mm, point_mm):
         for c in itertools.product((0, 1), repeat=3)
     ]
     bent = np.tensordot(weights, corners.reshape(8, -1), axes=1)[5:8]
-    cell = np.floor(3.3 * bent).astype(int) % 128
+    cell = np.floor(np.array([1.8, 5.0, 3.0]) * bent).astype(int) % 128
     return texture.tile_scale * texture.grain_tile[tuple(cell)]
 
 
