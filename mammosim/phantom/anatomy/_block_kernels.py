@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import kernel, merged_kernel
+from mammosim._jit import borrowing_kernel, kernel, merged_kernel
 from mammosim.phantom.anatomy._net_kernels import Near, Net, new_near
 from mammosim.phantom.anatomy._noise_kernels import MAX_CORNERS
 
@@ -91,22 +91,25 @@ ADIPOSE, SKIN, GLAND, NIPPLE, MUSCLE, LIGAMENT, EIGHTH, QUARTER, HALF = range(9)
 class Places(NamedTuple):
     """Scratch of places of a block: where they are, in mm and in parts of its side, their distance
     (a third of its logarithm) and direction from the nipple, where noise is looked up for them, its
-    gradients, and what the noise, or all of the potential, comes to."""
+    gradients and the lattice points that have them, and what the noise, or all of the potential,
+    comes to."""
 
     at_mm: NDArray[np.float64]
     part: NDArray[np.float64]
     fan: NDArray[np.float64]
     seen: NDArray[np.float64]
     gradients: NDArray[np.float64]
+    span: NDArray[np.int64]
     noise: NDArray[np.float64]
 
 
 class Block(NamedTuple):
-    """Scratch of one block: corners of each channel, its sub-grid and a row of it, slope and
-    centre of the net's coordinates, first node of a cell of the sub-grid, the sides of a layer of
-    rows, net coordinates at the block's corners and a row's ends, walls near it, the planes of the
-    sub-grid that are wanted, and places of it."""
+    """Scratch of one block: its first corner, mm, corners of each channel, its sub-grid and a row
+    of it, slope and centre of the net's coordinates, first node of a cell of the sub-grid, the
+    sides of a layer of rows, net coordinates at the block's corners and a row's ends, walls near
+    it, the planes of the sub-grid that are wanted, and places of it."""
 
+    origin: NDArray[np.float64]
     corner: NDArray[np.float64]
     sub: NDArray[np.float64]
     sub_row: NDArray[np.float64]
@@ -125,17 +128,17 @@ class Block(NamedTuple):
 def new_block() -> Block:
     n = SUB_STEPS + 1
     return Block(
-        np.empty((CHANNELS, 8)), np.empty((n, n, n)), np.empty(n), np.empty((3, 3)), np.empty(3),
-        np.empty(3), np.empty((CHANNELS, 4)), np.empty((8, 3)), np.empty((2, 3)), new_near(),
-        np.zeros((3, n), np.bool_),
+        np.empty(3), np.empty((CHANNELS, 8)), np.empty((n, n, n)), np.empty(n), np.empty((3, 3)),
+        np.empty(3), np.empty(3), np.empty((CHANNELS, 4)), np.empty((8, 3)), np.empty((2, 3)),
+        new_near(), np.zeros((3, n), np.bool_),
         Places(
             np.empty((n**3, 3)), np.empty((n**3, 3)), np.empty((n**3, 3)), np.empty((n**3, 3)),
-            np.empty((MAX_CORNERS, 3)), np.empty(n**3),
+            np.empty((MAX_CORNERS, 3)), np.empty((2, 3), np.int64), np.empty(n**3),
         ),
     )  # fmt: skip
 
 
-@kernel
+@borrowing_kernel
 def load_corners(
     fields: NDArray[np.float32], i: int, j: int, k: int, corner: NDArray[np.float64]
 ) -> None:
@@ -165,7 +168,7 @@ def trilinear(corner: NDArray[np.float64], channel: int, u: float, v: float, w: 
     return (1.0 - u) * low + u * high
 
 
-@kernel
+@borrowing_kernel
 def layer_sides(corner: NDArray[np.float64], v: float, side: NDArray[np.float64]) -> None:
     """All channels where a layer across the second axis meets the edges of its block."""
     for channel in range(CHANNELS):
@@ -187,7 +190,7 @@ def sub_index(part: float) -> int:
     return min(int(part * SUB_STEPS), SUB_STEPS - 1)
 
 
-@kernel
+@borrowing_kernel
 def sub_row_values(sub: NDArray[np.float64], u: float, v: float, out: NDArray[np.float64]) -> None:
     """The sub-grid's values along a row of the block."""
     a, b = sub_index(u), sub_index(v)

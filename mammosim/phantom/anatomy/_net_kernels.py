@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import kernel, merged_kernel
+from mammosim._jit import borrowing_kernel, kernel, merged_kernel
 
 MAX_NEAR = 96
 """Most cells kept for one block; the nearest ones are met first often enough that the rest would
@@ -95,7 +95,7 @@ def new_near() -> Near:
     )  # fmt: skip
 
 
-@kernel
+@borrowing_kernel
 def gather(
     net: Net, centre_mm: NDArray[np.float64], radius_mm: float, reach_mm: float,
     slope: NDArray[np.float64], near: Near,
@@ -149,7 +149,7 @@ def gather(
     return int(n)
 
 
-@kernel
+@borrowing_kernel
 def _keep(near: Near, n: int, x: float, y: float, z: float) -> None:
     """Make the first n cells of `around` that `block` lists those that are near, and list these."""
     around, place, chosen = near.around, near.place, near.block
@@ -163,7 +163,7 @@ def _keep(near: Near, n: int, x: float, y: float, z: float) -> None:
         chosen[c] = c
 
 
-@kernel
+@borrowing_kernel
 def _holders(
     around: NDArray[np.float64], holder: NDArray[np.int64], kept: NDArray[np.bool_], count: int,
     first: int, radius: float,
@@ -199,7 +199,7 @@ def _comes_near(
     return comes
 
 
-@kernel
+@borrowing_kernel
 def _pairs(near: Near, holders: int, n: int, cell_mm: float, slope: NDArray[np.float64]) -> None:
     """Scale of distance and thickness of the wall between each holder and the gathered cells."""
     place, tag, pair, scale, closest = near.place, near.tag, near.pair, near.scale, near.closest
@@ -303,7 +303,7 @@ def border_reach(border_mm: float, voxel_mm: float) -> float:
     return BORDER_PART * MOST_BORDER * border_mm + voxel_mm
 
 
-@kernel
+@borrowing_kernel
 def walls_between(
     place: NDArray[np.float64], closest: NDArray[np.float64], cells: NDArray[np.int64],
     count: int, ends: NDArray[np.float64], limit_mm: float, q: NDArray[np.float64],

@@ -70,13 +70,14 @@ def gradient_noise(x: float, y: float, z: float, key: int) -> float:
 @merged_kernel
 def add_noise(
     places: NDArray[np.float64], count: int, key: int, amplitude: float,
-    gradients: NDArray[np.float64], total: NDArray[np.float64],
+    gradients: NDArray[np.float64], span: NDArray[np.int64], total: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Add `amplitude` times `gradient_noise` to the totals of places [n, 3] that lie together.
 
-    Corners that they share are hashed once; `gradients` is room for `MAX_CORNERS` of them.
+    Corners that they share are hashed once; `gradients` is room for `MAX_CORNERS` of them, `span`
+    for the first of them and their number along each axis.
     """
-    first, size, corners = np.empty(3, np.int64), np.empty(3, np.int64), 1
+    first, size, corners = span[0], span[1], 1
     for axis in range(3):
         low = high = places[0, axis]
         for n in range(1, count):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import Thread, kernel, merged_kernel, parallel_kernel, share
+from mammosim._jit import Thread, borrowing_kernel, merged_kernel, parallel_kernel, share
 from mammosim.phantom.anatomy._block_kernels import (
     ADIPOSE,
     FIBRE,
@@ -55,11 +55,11 @@ BORDER_MM = 1.1
 Chosen by eye."""
 
 
-@kernel
+@borrowing_kernel
 def strands(texture: Texture, places: Places, count: int) -> None:
     """Strands towards the nipple and isotropic grain at places, within the noise's limit."""
     at_mm, seen, noise, fan = places.at_mm, places.seen, places.noise, places.fan
-    gradients = places.gradients
+    gradients, span = places.gradients, places.span
     apex_x, apex_y, apex_z = texture.apex_mm[0], texture.apex_mm[1], texture.apex_mm[2]
     for n in range(count):
         noise[n] = 0.0
@@ -81,13 +81,13 @@ def strands(texture: Texture, places: Places, count: int) -> None:
             for n in range(count):
                 for axis in range(3):
                     seen[n, axis] = at_mm[n, axis] * per
-        add_noise(seen, count, key, amplitude, gradients, noise)
+        add_noise(seen, count, key, amplitude, gradients, span, noise)
     limit = texture.noise_limit
     for n in range(count):
         noise[n] = min(max(noise[n], -limit), limit)
 
 
-@kernel
+@borrowing_kernel
 def _net_frame(block: Block, channel: int, coarse_mm: float) -> float:
     """Slope and centre of net coordinates over a block; the radius of the block in them, mm."""
     for axis in range(3):
@@ -107,7 +107,7 @@ def _net_frame(block: Block, channel: int, coarse_mm: float) -> float:
     return np.sqrt(radius)
 
 
-@kernel
+@borrowing_kernel
 def _stretch(slope: NDArray[np.float64]) -> float:
     """A bound of the largest change of net coordinates a real mm (Gershgorin, of slope^T slope)."""
     most = 0.0
@@ -121,7 +121,7 @@ def _stretch(slope: NDArray[np.float64]) -> float:
     return np.sqrt(most)
 
 
-@kernel
+@borrowing_kernel
 def add_potential(texture: Texture, block: Block, n: int, count: int) -> None:
     """Add to the noise at places of a block the rest of the potential there.
 
@@ -149,7 +149,7 @@ def add_potential(texture: Texture, block: Block, n: int, count: int) -> None:
             total[m] -= amplitude * (fatness[inside] * way * (2.0 - way))
 
 
-@kernel
+@borrowing_kernel
 def gather_lobules(
     texture: Texture, block: Block, coarse_mm: float, part: float, at: NDArray[np.float64]
 ) -> int:
@@ -175,8 +175,8 @@ def sample_potential(
 
     Outputs are (x, lateral, superior, 4) over blocks. `order` is that of the layers of blocks.
     """
-    h, origin = lattice.coarse_mm, np.empty(3)
-    block, at = new_block(), np.empty(3)
+    h, block, at = lattice.coarse_mm, new_block(), np.empty(3)
+    origin = block.origin
     for turn in share(thread, 0, order.size):
         i = order[turn]
         for j in range(out_state.shape[1]):
@@ -187,14 +187,14 @@ def sample_potential(
                     continue
                 for axis, place in enumerate((i, j, k)):
                     origin[axis] = lattice.coarse_origin_mm[axis] + place * h
-                _sub_cell(texture, block, lattice_hash(i, j, k, np.intp(11)), origin, h, at)
+                _sub_cell(texture, block, lattice_hash(i, j, k, np.intp(11)), h, at)
                 for s in range(4):
                     bits = lattice_hash(i, j, k, 12 + s)
                     for axis in range(3):
                         part = ((bits >> (10 * axis)) & 1023) / 1024.0
                         block.centre[axis] = part
                         at[axis] = (block.low[axis] + part) / SUB_STEPS
-                    out_state[i, j, k, s] = _state(labels, lattice, paint, block, at, origin)
+                    out_state[i, j, k, s] = _state(labels, lattice, paint, block, at)
                     value = trilinear(
                         block.corner, SEPTUM, block.centre[0], block.centre[1], block.centre[2]
                     )
@@ -209,11 +209,8 @@ def sample_potential(
                     out_potential[i, j, k, s] = -1e9 if hole else value + grain
 
 
-@kernel
-def _sub_cell(
-    texture: Texture, block: Block, bits: int, origin: NDArray[np.float64], h: float,
-    at: NDArray[np.float64],
-) -> None:  # fmt: skip
+@borrowing_kernel
+def _sub_cell(texture: Texture, block: Block, bits: int, h: float, at: NDArray[np.float64]) -> None:
     """Potential at the corners of a cell of the sub-grid, in place of SEPTUM; its place, `low`."""
     for axis in range(3):
         block.low[axis] = ((bits >> (10 * axis)) & 1023) * SUB_STEPS // 1024
@@ -224,7 +221,7 @@ def _sub_cell(
         _corner_of_sub_cell(block, corner, at)
         for axis in range(3):
             block.places.part[corner, axis] = at[axis]
-            block.places.at_mm[corner, axis] = origin[axis] + at[axis] * h
+            block.places.at_mm[corner, axis] = block.origin[axis] + at[axis] * h
     strands(texture, block.places, corners)
     add_potential(texture, block, n, corners)
     for corner in range(corners):
@@ -239,13 +236,13 @@ def _corner_of_sub_cell(block: Block, corner: int, at: NDArray[np.float64]) -> N
     at[2] = (block.low[2] + (corner & 1)) / SUB_STEPS
 
 
-@kernel
+@borrowing_kernel
 def _state(
     labels: NDArray[np.uint8], lattice: Lattice, paint: Paint, block: Block,
-    at: NDArray[np.float64], origin: NDArray[np.float64],
+    at: NDArray[np.float64],
 ) -> int:  # fmt: skip
     """What is at a place of a block whatever the threshold."""
-    u, v, w = at[0], at[1], at[2]
+    u, v, w, origin = at[0], at[1], at[2], block.origin
     h, voxel = lattice.coarse_mm, lattice.x_mm[1] - lattice.x_mm[0]
     x, y, z = origin[0] + u * h, origin[1] + v * h, origin[2] + w * h
     depth = trilinear(block.corner, SKIN_DEPTH, u, v, w)
@@ -265,11 +262,8 @@ def _state(
     return TUBE if label == 95 or label == 125 else VESSEL
 
 
-@kernel
-def decide_gland(
-    texture: Texture, paint: Paint, block: Block, origin: NDArray[np.float64], h: float,
-    only_muscle: bool,
-) -> int:  # fmt: skip
+@borrowing_kernel
+def decide_gland(texture: Texture, paint: Paint, block: Block, h: float, only_muscle: bool) -> int:
     """0 where a block holds no gland, 2 where it is gland but for the grain's holes, 1 with its
     sub-grid filled."""
     lowest, highest = block.corner[POTENTIAL].min(), block.corner[POTENTIAL].max()
@@ -284,7 +278,7 @@ def decide_gland(
         if lowest - texture.noise_limit - pull > paint.threshold + texture.gland_cap:
             return 2
     wanted, sub, noise = block.wanted, block.sub, block.places.noise
-    count = _place_sub_grid(wanted, block.places.at_mm, block.places.part, origin, h)
+    count = _place_sub_grid(wanted, block.places.at_mm, block.places.part, block.origin, h)
     strands(texture, block.places, count)
     most = noise[0]
     for place in range(1, count):
@@ -330,7 +324,7 @@ def _place_sub_grid(
     return int(count)
 
 
-@kernel
+@borrowing_kernel
 def _strongest(near: Near, n: int) -> float:
     """The largest fatness of the cells near a block."""
     most = 0.0
@@ -339,7 +333,7 @@ def _strongest(near: Near, n: int) -> float:
     return most
 
 
-@kernel
+@borrowing_kernel
 def gather_walls(
     texture: Texture, block: Block, h: float, voxel: float, only_muscle: bool, gland: int
 ) -> int:
@@ -363,7 +357,7 @@ def gather_walls(
     return _listed(block, texture.lobules, n, reach)
 
 
-@kernel
+@borrowing_kernel
 def _listed(block: Block, net: Net, n: int, limit_mm: float) -> int:
     """List those of the gathered cells whose walls come within a limit of a block; how many."""
     near, corners = block.near, block.corners

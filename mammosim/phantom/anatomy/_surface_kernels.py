@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import kernel, merged_kernel
+from mammosim._jit import borrowing_kernel, merged_kernel
 from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, Paint
 from mammosim.phantom.anatomy._noise_kernels import MOST_NOISE, gradient_noise
 
@@ -34,7 +34,7 @@ def even_shift(first: int, second: int) -> float:
     return turn - np.floor(turn) - 0.5
 
 
-@kernel
+@borrowing_kernel
 def dither(i: int, j: int, k: int, corners: NDArray[np.float64]) -> float:
     """Shift of a surface at a voxel, in voxels along its normal, that hides the staircase.
 
@@ -63,7 +63,7 @@ def beyond_cut(paint: Paint, y: float, z: float) -> bool:
     return y * paint.cut[0] + z * paint.cut[1] > paint.cut[2]
 
 
-@kernel
+@borrowing_kernel
 def in_nipple(
     x: float, y: float, z: float, depth: float, thick: float, nipple: NDArray[np.float64]
 ) -> bool:
@@ -94,7 +94,7 @@ def in_nipple(
     return wide > 0.0 and across * across + up * up < wide * wide
 
 
-@kernel
+@borrowing_kernel
 def in_root(x: float, y: float, z: float, below: float, nipple: NDArray[np.float64]) -> bool:
     """Whether a point below the skin lies in the nipple's root, which frays as it narrows."""
     root = nipple[9]

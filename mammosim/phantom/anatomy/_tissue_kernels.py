@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import Thread, kernel, parallel_kernel, share
+from mammosim._jit import Thread, borrowing_kernel, parallel_kernel, share
 from mammosim.phantom.anatomy._block_kernels import (
     ADIPOSE,
     FIBRE,
@@ -89,7 +89,7 @@ def paint_tissue(
                     _paint_block(labels, lattice, texture, paint, block, (i, j, k))
 
 
-@kernel
+@borrowing_kernel
 def _clear(labels: NDArray[np.uint8], lattice: Lattice, at: tuple[int, int, int]) -> None:
     """No tissue in a block; pages that hold none are only read."""
     for i in range(lattice.x_start[at[0]], lattice.x_start[at[0] + 1]):
@@ -99,7 +99,7 @@ def _clear(labels: NDArray[np.uint8], lattice: Lattice, at: tuple[int, int, int]
                     labels[i, j, k] = 0
 
 
-@kernel
+@borrowing_kernel
 def _paint_block(
     labels: NDArray[np.uint8], lattice: Lattice, texture: Texture, paint: Paint, block: Block,
     at: tuple[int, int, int],
@@ -133,14 +133,15 @@ def _paint_block(
     muscle = most > 0.0 and deepest > paint.cover_mm
     only_muscle = corner[MUSCLE_DEPTH].min() > 0.0 and corner[SKIN_DEPTH].min() > paint.cover_mm
     _wanted_nodes(lattice, at, block.wanted)
-    gland = decide_gland(texture, paint, block, np.array([x, y, z]), h, only_muscle)
+    block.origin[0], block.origin[1], block.origin[2] = x, y, z
+    gland = decide_gland(texture, paint, block, h, only_muscle)
     walls = gather_walls(texture, block, h, voxel, only_muscle, gland)
     _fill_block(
         labels, lattice, texture, paint, block, at, (shallow, muscle, only_muscle, gland, walls)
     )
 
 
-@kernel
+@borrowing_kernel
 def _wanted_nodes(lattice: Lattice, at: tuple[int, int, int], wanted: NDArray[np.bool_]) -> None:
     """Which planes of a block's sub-grid its voxels lie between; large voxels leave some out."""
     wanted[:] = False
@@ -153,13 +154,13 @@ def _wanted_nodes(lattice: Lattice, at: tuple[int, int, int], wanted: NDArray[np
         _mark(wanted, 2, (lattice.superior_mm[k] - origin[2]) / h - at[2])
 
 
-@kernel
+@borrowing_kernel
 def _mark(wanted: NDArray[np.bool_], axis: int, part: float) -> None:
     first = sub_index(part)
     wanted[axis, first] = wanted[axis, first + 1] = True
 
 
-@kernel
+@borrowing_kernel
 def _fill_block(
     labels: NDArray[np.uint8], lattice: Lattice, texture: Texture, paint: Paint, block: Block,
     at: tuple[int, int, int], kind: tuple[bool, bool, bool, int, int],

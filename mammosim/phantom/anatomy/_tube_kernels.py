@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import Thread, kernel, merged_kernel, parallel_kernel, share
+from mammosim._jit import Thread, borrowing_kernel, kernel, merged_kernel, parallel_kernel, share
 from mammosim.phantom.anatomy._block_kernels import Lattice
 from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
 from mammosim.phantom.anatomy._noise_kernels import lattice_hash
@@ -95,7 +95,7 @@ def paint_threads(
                 )
 
 
-@kernel
+@borrowing_kernel
 def _paint_thread(
     labels: NDArray[np.uint8], lattice: Lattice, layers: tuple[int, int],
     ends_mm: NDArray[np.float64], radius_mm: NDArray[np.float64], name: NDArray[np.uint8],
@@ -134,7 +134,7 @@ def _paint_thread(
                 labels[i, j, k] = name[fill_step(min(fill, 1.0), lot)]
 
 
-@kernel
+@borrowing_kernel
 def _axis(
     start_mm: NDArray[np.float64], end_mm: NDArray[np.float64]
 ) -> tuple[tuple[float, float, float], float]:
@@ -143,7 +143,7 @@ def _axis(
     return (x, y, z), max(x * x + y * y + z * z, 1e-9)
 
 
-@kernel
+@borrowing_kernel
 def _box(
     lattice: Lattice, start_mm: NDArray[np.float64], end_mm: NDArray[np.float64], reach_mm: float
 ) -> tuple[int, int, int, int, int, int]:
@@ -154,7 +154,7 @@ def _box(
     return i0, i1, j0, j1, k0, k1
 
 
-@kernel
+@borrowing_kernel
 def _span(places_mm: NDArray[np.float64], start_mm: float, end_mm: float, reach_mm: float
 ) -> tuple[int, int]:  # fmt: skip
     """First of evenly spaced places, and first beyond, within a reach of what lies between two."""
@@ -162,7 +162,7 @@ def _span(places_mm: NDArray[np.float64], start_mm: float, end_mm: float, reach_
     return low, _first_from(places_mm, max(start_mm, end_mm) + reach_mm)
 
 
-@kernel
+@borrowing_kernel
 def _first_from(places_mm: NDArray[np.float64], least_mm: float) -> int:
     """Index of the first of evenly spaced places that is not below a limit; their number if none.
 
