@@ -150,6 +150,18 @@ def load_corners(
                     corner[channel, 4 * a + 2 * b + c] = fields[i + a, j + b, k + c, channel]
 
 
+@borrowing_kernel
+def least_and_most(corner: NDArray[np.float64], channel: int) -> tuple[float, float]:
+    """Least and largest value of a channel at the corners of a block.
+
+    Arrays' own ``min`` and ``max`` count references.
+    """
+    least = most = corner[channel, 0]
+    for n in range(1, 8):
+        least, most = min(least, corner[channel, n]), max(most, corner[channel, n])
+    return least, most
+
+
 @merged_kernel
 def _bilinear(c00: float, c01: float, c10: float, c11: float, u: float, v: float) -> float:
     """Value within a square from its corners, v along the second axis."""

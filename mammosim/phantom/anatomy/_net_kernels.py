@@ -303,6 +303,23 @@ def border_reach(border_mm: float, voxel_mm: float) -> float:
     return BORDER_PART * MOST_BORDER * border_mm + voxel_mm
 
 
+@merged_kernel
+def fillet_span(border_mm: float, voxel_mm: float) -> float:
+    """Square of the sum of the roots of the distances from two walls, mm, up to which the fillet
+    between them may fill voxels (see `wall_fill`)."""
+    return 1.000001 * (MOST_BORDER * border_mm + 0.5 * BORDER_SLOPE * voxel_mm)
+
+
+@merged_kernel
+def free_of_fillets(one_mm: float, other_mm: float, far_mm: float, span_mm: float) -> float:
+    """How far a place may come nearer to both of its nearest walls before a fillet fills it, mm.
+
+    `far_mm` is the `border_reach`, `span_mm` the `fillet_span`. Negative where one may do so.
+    """
+    most = max(span_mm - (other_mm - one_mm), 0.0)
+    return max(other_mm - far_mm, one_mm - 0.25 * most * most / span_mm)
+
+
 @borrowing_kernel
 def walls_between(
     place: NDArray[np.float64], closest: NDArray[np.float64], cells: NDArray[np.int64],

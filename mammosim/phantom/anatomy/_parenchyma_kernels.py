@@ -21,6 +21,7 @@ from mammosim.phantom.anatomy._block_kernels import (
     Paint,
     Places,
     Texture,
+    least_and_most,
     load_corners,
     new_block,
     trilinear,
@@ -92,7 +93,10 @@ def _net_frame(block: Block, channel: int, coarse_mm: float) -> float:
     """Slope and centre of net coordinates over a block; the radius of the block in them, mm."""
     for axis in range(3):
         c = block.corner[channel + axis]
-        block.centre[axis] = c.sum() / 8.0
+        total = 0.0
+        for n in range(8):
+            total += c[n]
+        block.centre[axis] = total / 8.0
         block.slope[axis, 0] = (c[4] + c[5] + c[6] + c[7] - c[0] - c[1] - c[2] - c[3]) / 4.0
         block.slope[axis, 1] = (c[2] + c[3] + c[6] + c[7] - c[0] - c[1] - c[4] - c[5]) / 4.0
         block.slope[axis, 2] = (c[1] + c[3] + c[5] + c[7] - c[0] - c[2] - c[4] - c[6]) / 4.0
@@ -182,8 +186,7 @@ def sample_potential(
         for j in range(out_state.shape[1]):
             for k in range(out_state.shape[2]):
                 load_corners(texture.fields, i, j, k, block.corner)
-                deepest = block.corner[SKIN_DEPTH].max()
-                if deepest < 0.0:
+                if least_and_most(block.corner, SKIN_DEPTH)[1] < 0.0:
                     continue
                 for axis, place in enumerate((i, j, k)):
                     origin[axis] = lattice.coarse_origin_mm[axis] + place * h
@@ -266,7 +269,7 @@ def _state(
 def decide_gland(texture: Texture, paint: Paint, block: Block, h: float, only_muscle: bool) -> int:
     """0 where a block holds no gland, 2 where it is gland but for the grain's holes, 1 with its
     sub-grid filled."""
-    lowest, highest = block.corner[POTENTIAL].min(), block.corner[POTENTIAL].max()
+    lowest, highest = least_and_most(block.corner, POTENTIAL)
     grain = 128.0 * texture.tile_scale
     highest += grain + texture.gland_push
     if only_muscle or highest + texture.noise_limit <= paint.threshold:
@@ -345,7 +348,7 @@ def gather_walls(
         radius = _net_frame(block, FIBRE, h)
         reach = wall_reach(MOST_UNEVEN * MUSCLE_FAT, voxel) * _stretch(block.slope)
         return gather(texture.bundles, block.centre, radius, reach, block.slope, block.near)
-    thick = MOST_UNEVEN * block.corner[SEPTUM].max()
+    thick = MOST_UNEVEN * least_and_most(block.corner, SEPTUM)[1]
     if gland == 2 or thick <= 0.0:
         return 0
     radius = _net_frame(block, NET, h)

@@ -29,6 +29,7 @@ from mammosim.phantom.anatomy._block_kernels import (
     Texture,
     along_row,
     layer_sides,
+    least_and_most,
     load_corners,
     new_block,
     on_sub_row,
@@ -44,6 +45,8 @@ from mammosim.phantom.anatomy._grain_kernels import (
 )
 from mammosim.phantom.anatomy._net_kernels import (
     border_reach,
+    fillet_span,
+    free_of_fillets,
     three_nearest,
     wall_fill,
     wall_reach,
@@ -126,12 +129,12 @@ def _paint_block(
         _clear(labels, lattice, at)
         return
     load_corners(fields, at[0], at[1], at[2], corner)
-    shallow = nipple or corner[SKIN_DEPTH].min() < (
-        corner[SKIN_MM].max() + paint.areola_mm[0] + voxel
-    )
-    most = corner[MUSCLE_DEPTH].max()
+    shallowest = least_and_most(corner, SKIN_DEPTH)[0]
+    thickest = least_and_most(corner, SKIN_MM)[1]
+    shallow = nipple or shallowest < thickest + paint.areola_mm[0] + voxel
+    least, most = least_and_most(corner, MUSCLE_DEPTH)
     muscle = most > 0.0 and deepest > paint.cover_mm
-    only_muscle = corner[MUSCLE_DEPTH].min() > 0.0 and corner[SKIN_DEPTH].min() > paint.cover_mm
+    only_muscle = least > 0.0 and shallowest > paint.cover_mm
     _wanted_nodes(lattice, at, block.wanted)
     block.origin[0], block.origin[1], block.origin[2] = x, y, z
     gland = decide_gland(texture, paint, block, h, only_muscle)
@@ -182,11 +185,12 @@ def _fill_block(
     cut_y, cut_z, cut_mm = paint.cut[0], paint.cut[1], paint.cut[2]
     areola, areola_mm = paint.areola_mm[0], paint.areola_mm[1]
     net, net_at, border = texture.lobules, NET, BORDER_MM
-    reach = wall_reach(MOST_UNEVEN * corner[SEPTUM].max(), voxel)
+    reach = wall_reach(MOST_UNEVEN * least_and_most(corner, SEPTUM)[1], voxel)
     if only_muscle:
         net, net_at, border = texture.bundles, FIBRE, 0.0
         reach = wall_reach(MOST_UNEVEN * MUSCLE_FAT, voxel)
-    far, per_step = border_reach(border, voxel), 1.0 / (APPROACH * voxel)
+    far, span = border_reach(border, voxel), fillet_span(border, voxel)
+    per_step = 1.0 / (APPROACH * voxel)
     o0, o1, o2, per = net.origin_mm[0], net.origin_mm[1], net.origin_mm[2], 1.0 / net.cell_mm
     tile, tile_scale, cap = texture.grain_tile, texture.tile_scale, texture.gland_cap
     streaks, most_grain = texture.muscle_streaks, 128.0 * tile_scale
@@ -273,18 +277,18 @@ def _fill_block(
                         inside, least, second, third = three_nearest(
                             place, cells, listed, x_cell, y_cell, z_cell
                         )
-                        free = min(
-                            (second - least) * scale[inside] - reach,
-                            (third - least) * scale[inside] - far,
-                        )
+                        gap = (second - least) * scale[inside]
+                        filleted = free_of_fillets(gap, (third - least) * scale[inside], far, span)
+                        free = min(gap - reach, filleted)
                         free_k = k + 1 + int(max(free, -voxel) * per_step)
                         if free < 0.0:
                             thick = MUSCLE_FAT if in_muscle else septum_0 + w * septum_1
                             thick *= wall_unevenness(tile, tile_scale, p, q, r)
-                            fill += wall_fill(
-                                place, pair, cells, listed, inside, least,
-                                (x_cell, y_cell, z_cell), thick, voxel, border,
-                            )  # fmt: skip
+                            if filleted < 0.0 or gap < wall_reach(thick, voxel):
+                                fill += wall_fill(
+                                    place, pair, cells, listed, inside, least,
+                                    (x_cell, y_cell, z_cell), thick, voxel, border,
+                                )  # fmt: skip
                     if in_muscle and muscle_grain_at(tile, tile_scale, p, q, r) > streaks:
                         fill = 1.0
                 if fill <= 0.0:
