@@ -23,6 +23,7 @@ from mammosim.acquisition import DoseMap
 from mammosim.compression import DisplacementField
 from mammosim.config import utf8_path
 from mammosim.errors import InputError
+from mammosim.export._axes_kernels import exchange_axes
 from mammosim.export.atomic import whole_file
 from mammosim.geometry import Gantry, View, VoxelFrame
 from mammosim.reconstruction import Reconstruction
@@ -34,9 +35,6 @@ LPS_FROM_BREAST: NDArray[np.float64] = np.array(
 
 _BYTES_AT_ONCE = 1 << 24
 """Voxels are written in pieces of this size, so that no second copy is in memory."""
-
-_BLOCK = 64
-"""Side of the blocks in which axes are exchanged: 64 rows of a processor's cache at a time."""
 
 _NIFTI_SIZES = 42
 """Where a NIfTI-1 header keeps the sizes along x, y and z, `dim[1..3]`, as 16-bit numbers."""
@@ -339,18 +337,9 @@ def _opened(part: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
 
 
 def x_fastest(values: NDArray[Any]) -> NDArray[Any]:
-    """Copy of an array [x, y, z] as [z, y, x] with x contiguous, as files hold volumes.
-
-    Made block by block: whole columns would meet each line of the processor's cache anew for
-    every voxel of it.
-    """
-    nx, ny, nz = values.shape
-    turned = np.empty((nz, ny, nx), values.dtype)
-    for k in range(0, nz, _BLOCK):
-        for i in range(0, nx, _BLOCK):
-            for j in range(0, ny, _BLOCK):
-                block = np.s_[i : i + _BLOCK, j : j + _BLOCK, k : k + _BLOCK]
-                turned[block[::-1]] = values[block].T
+    """Copy of an array [x, y, z] as [z, y, x] with x contiguous, as files hold volumes."""
+    turned = np.empty(values.shape[::-1], values.dtype)
+    exchange_axes(values, turned)
     return turned
 
 

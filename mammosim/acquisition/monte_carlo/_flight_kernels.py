@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import contracting_kernel, inlined_kernel, kernel
+from mammosim._jit import borrowing_kernel, contracting_kernel, inlined_kernel
 from mammosim.acquisition.monte_carlo._random_kernels import Stream
 
 F32 = NDArray[np.float32]
@@ -76,7 +76,7 @@ def interval(sums: F64, value: float) -> int:
     return low
 
 
-@kernel
+@borrowing_kernel
 def cell_at_top(space: Space, ray: Ray) -> int:
     """Place of the cell below a point of the scene's top."""
     ny, nz = space.y.size - 1, space.z.size - 1
@@ -159,7 +159,7 @@ def fly(
     return steps, through
 
 
-@kernel
+@borrowing_kernel
 def draw_depth(path: Path, steps: int, down: bool, u: float, analog: bool) -> tuple[float, float]:
     """Optical depth of the next collision and the factor that this choice puts on the weight.
 
