@@ -5,29 +5,21 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import Thread, borrowing_kernel, merged_kernel, parallel_kernel, share
+from mammosim._jit import borrowing_kernel, merged_kernel
 from mammosim.phantom.anatomy._block_kernels import (
-    ADIPOSE,
     FIBRE,
-    MUSCLE_DEPTH,
     NET,
     POTENTIAL,
     SEPTUM,
-    SKIN_DEPTH,
-    SKIN_MM,
     SUB_STEPS,
     Block,
-    Lattice,
     Paint,
     Places,
     Texture,
     least_and_most,
-    load_corners,
-    new_block,
     trilinear,
 )
-from mammosim.phantom.anatomy._fill_kernels import fill_of
-from mammosim.phantom.anatomy._grain_kernels import MOST_UNEVEN, gland_grain_at
+from mammosim.phantom.anatomy._grain_kernels import MOST_UNEVEN
 from mammosim.phantom.anatomy._net_kernels import (
     ROUNDING_REACH,
     Near,
@@ -38,15 +30,7 @@ from mammosim.phantom.anatomy._net_kernels import (
     wall_reach,
     walls_between,
 )
-from mammosim.phantom.anatomy._noise_kernels import add_noise, lattice_hash
-from mammosim.phantom.anatomy._surface_kernels import areola, beyond_cut
-
-NOT_COUNTED, UNDECIDED, TUBE, VESSEL, IN_MUSCLE = 0, 1, 2, 3, 4
-"""What a voxel is before the threshold between gland and fat is known."""
-
-SUB_CELL = 0.32
-"""Half diagonal of a cell of the sub-grid against that of its block: a quarter, and more where
-coordinates are not linear."""
+from mammosim.phantom.anatomy._noise_kernels import add_noise
 
 MUSCLE_FAT = 0.11
 """Mean thickness of the fat between bundles of muscle, mm. Chosen."""
@@ -167,102 +151,6 @@ def gather_lobules(
         radius *= part
     n = gather(net, block.centre, radius, reach * stretch, block.slope, block.near)
     return _listed(block, net, n, reach) if part == 1.0 else n
-
-
-@parallel_kernel
-def sample_potential(
-    thread: Thread, order: NDArray[np.int64], labels: NDArray[np.uint8], lattice: Lattice,
-    texture: Texture, paint: Paint, out_potential: NDArray[np.float32],
-    out_state: NDArray[np.uint8],
-) -> None:  # fmt: skip
-    """Potential at four places of every block, and what is there whatever the threshold.
-
-    Outputs are (x, lateral, superior, 4) over blocks. `order` is that of the layers of blocks.
-    """
-    h, block, at = lattice.coarse_mm, new_block(), np.empty(3)
-    origin = block.origin
-    for turn in share(thread, 0, order.size):
-        i = order[turn]
-        for j in range(out_state.shape[1]):
-            for k in range(out_state.shape[2]):
-                load_corners(texture.fields, i, j, k, block.corner)
-                if least_and_most(block.corner, SKIN_DEPTH)[1] < 0.0:
-                    continue
-                for axis, place in enumerate((i, j, k)):
-                    origin[axis] = lattice.coarse_origin_mm[axis] + place * h
-                _sub_cell(texture, block, lattice_hash(i, j, k, np.intp(11)), h, at)
-                for s in range(4):
-                    bits = lattice_hash(i, j, k, 12 + s)
-                    for axis in range(3):
-                        part = ((bits >> (10 * axis)) & 1023) / 1024.0
-                        block.centre[axis] = part
-                        at[axis] = (block.low[axis] + part) / SUB_STEPS
-                    out_state[i, j, k, s] = _state(labels, lattice, paint, block, at)
-                    value = trilinear(
-                        block.corner, SEPTUM, block.centre[0], block.centre[1], block.centre[2]
-                    )
-                    grain = gland_grain_at(
-                        texture.grain_tile, texture.tile_scale,
-                        trilinear(block.corner, NET, at[0], at[1], at[2]),
-                        trilinear(block.corner, NET + 1, at[0], at[1], at[2]),
-                        trilinear(block.corner, NET + 2, at[0], at[1], at[2]),
-                    )  # fmt: skip
-                    # Whatever the threshold, a hole in the gland stays one.
-                    hole = texture.gland_cap + grain <= 0.0
-                    out_potential[i, j, k, s] = -1e9 if hole else value + grain
-
-
-@borrowing_kernel
-def _sub_cell(texture: Texture, block: Block, bits: int, h: float, at: NDArray[np.float64]) -> None:
-    """Potential at the corners of a cell of the sub-grid, in place of SEPTUM; its place, `low`."""
-    for axis in range(3):
-        block.low[axis] = ((bits >> (10 * axis)) & 1023) * SUB_STEPS // 1024
-        at[axis] = (block.low[axis] + 0.5) / SUB_STEPS
-    n = gather_lobules(texture, block, h, SUB_CELL, at)
-    corners = np.intp(8)
-    for corner in range(corners):
-        _corner_of_sub_cell(block, corner, at)
-        for axis in range(3):
-            block.places.part[corner, axis] = at[axis]
-            block.places.at_mm[corner, axis] = block.origin[axis] + at[axis] * h
-    strands(texture, block.places, corners)
-    add_potential(texture, block, n, corners)
-    for corner in range(corners):
-        block.corner[SEPTUM, corner] = block.places.noise[corner]
-
-
-@merged_kernel
-def _corner_of_sub_cell(block: Block, corner: int, at: NDArray[np.float64]) -> None:
-    """Where in a block (u, v, w) a corner lies of the cell of its sub-grid at `low`."""
-    at[0] = (block.low[0] + (corner >> 2)) / SUB_STEPS
-    at[1] = (block.low[1] + ((corner >> 1) & 1)) / SUB_STEPS
-    at[2] = (block.low[2] + (corner & 1)) / SUB_STEPS
-
-
-@borrowing_kernel
-def _state(
-    labels: NDArray[np.uint8], lattice: Lattice, paint: Paint, block: Block,
-    at: NDArray[np.float64],
-) -> int:  # fmt: skip
-    """What is at a place of a block whatever the threshold."""
-    u, v, w, origin = at[0], at[1], at[2], block.origin
-    h, voxel = lattice.coarse_mm, lattice.x_mm[1] - lattice.x_mm[0]
-    x, y, z = origin[0] + u * h, origin[1] + v * h, origin[2] + w * h
-    depth = trilinear(block.corner, SKIN_DEPTH, u, v, w)
-    thick = trilinear(block.corner, SKIN_MM, u, v, w) + areola(paint, y, z)
-    if x < 0.0 or depth < thick or beyond_cut(paint, y, z):
-        return NOT_COUNTED
-    if trilinear(block.corner, MUSCLE_DEPTH, u, v, w) > 0.0 and depth > paint.cover_mm:
-        return IN_MUSCLE
-    i = int((x - lattice.x_mm[0]) / voxel + 0.5)
-    j = int((y - lattice.lateral_mm[0]) / voxel + 0.5)
-    k = int((z - lattice.superior_mm[0]) / voxel + 0.5)
-    i, j = min(max(i, 0), labels.shape[0] - 1), min(max(j, 0), labels.shape[1] - 1)
-    k = min(max(k, 0), labels.shape[2] - 1)
-    label = labels[i, j, k]
-    if label == 0 or label == paint.labels[ADIPOSE] or fill_of(label, paint.labels) > 0.0:
-        return UNDECIDED  # threads are no tubes: gland takes their place
-    return TUBE if label == 95 or label == 125 else VESSEL
 
 
 @borrowing_kernel

@@ -17,9 +17,10 @@ from mammosim.errors import InputError
 from mammosim.phantom.anatomy._block_kernels import SKIN_MM, Lattice, Paint, Texture
 from mammosim.phantom.anatomy._grain_kernels import TILE
 from mammosim.phantom.anatomy._net_kernels import Net
-from mammosim.phantom.anatomy._parenchyma_kernels import (
+from mammosim.phantom.anatomy._sample_kernels import (
     IN_MUSCLE,
     NOT_COUNTED,
+    SAMPLES,
     TUBE,
     UNDECIDED,
     sample_potential,
@@ -87,6 +88,9 @@ deviations. Chosen by eye."""
 GLAND_CAP = 0.45
 """The potential above the threshold counts for no more: holes of fat, a seventh of the volume,
 stay within compact gland. Chosen by eye."""
+
+NO_GLAND = -9.0
+"""Potential in the abdominal wall: below any threshold."""
 
 MUSCLE_STREAKS = 1.75
 """Standard deviations of the finest noise above which muscle is fat: a twenty-fifth of it.
@@ -211,6 +215,7 @@ def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _A
     potential = settle_gland(
         lobules, foam.bent, gland.potential, gland.breast, share, kind.cells, lobule_rng
     )
+    potential[body.own_mm < 0.0] = NO_GLAND
     channels = [depth, muscled, potential, foam.septum_mm, gland.skin_mm, *foam.bent, *foam.fibres]
     fields = np.stack(np.broadcast_arrays(*channels), axis=-1).astype(np.float32)
     vessels = grow_vessels(outline, depth, muscled, frame, vessel_rng)
@@ -298,17 +303,21 @@ def _threshold(
 
     Blocks whose middle has a negative depth `own_mm` in the breast do not count.
     """
-    shape = (*(side - 1 for side in texture.fields.shape[:3]), 4)
+    shape = (*(side - 1 for side in texture.fields.shape[:3]), SAMPLES)
     potential, state = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
     sample_potential(dealt(shape[0]), labels, lattice, texture, paint, potential, state)
     middle = ndimage.uniform_filter(own_mm, 2, origin=-1)[:-1, :-1, :-1]
     state[middle < 0.0] = NOT_COUNTED
-    muscle = np.count_nonzero(state == IN_MUSCLE)
+    # Each stands for an equal part of its block's voxels.
+    along = (np.diff(start) for start in lattice[-3:])
+    block = np.einsum("i,j,k->ijk", *along)[..., None] / SAMPLES
+    voxels = np.broadcast_to(block, shape)
     # Fat within muscle counts as breast; gland has no part in it.
-    counted = np.count_nonzero(state) - (1.0 - FAT_IN_MUSCLE) * muscle
-    wanted = percent / 100.0 * counted
-    ducts = np.count_nonzero(state == TUBE)
-    free = np.sort(potential[state == UNDECIDED])
+    counted = voxels[state != NOT_COUNTED].sum()
+    counted -= (1.0 - FAT_IN_MUSCLE) * voxels[state == IN_MUSCLE].sum()
     # Ducts and units count whatever the threshold; of the rest, as many of the highest as miss.
-    missing = int(np.clip(wanted - ducts, 0, free.size - 1))
-    return float(free[free.size - 1 - missing])
+    missing = percent / 100.0 * counted - voxels[state == TUBE].sum()
+    free, filled = potential[state == UNDECIDED], voxels[state == UNDECIDED]
+    order = np.argsort(-free, kind="stable")
+    last = np.searchsorted(np.cumsum(filled[order]), missing)
+    return float(free[order[min(int(last), order.size - 1)]])
