@@ -79,7 +79,7 @@ def test_grey_levels_are_those_of_their_twin():
     attenuation = rng.uniform(-0.5, 4.0, (9, 8)).astype(np.float32)
     bounds = ((0.0, 1.5), (0.0, 0.6), (-0.5, 2.5), (0.0, 0.9), (1.5, 4.5), (1.5, 4.5), (0.0, 1.0))
     coarse = [rng.uniform(low, high, (3, 3)) for low, high in bounds]
-    curve = _kernels.ToneCurve(2.5, 0.6, 0.15, 0.65, 0.15, 0.55, 0.8, 1.3, 1.7)
+    curve = _kernels.ToneCurve(2.5, 0.6, 0.15, 0.65, 0.15, 0.55, 0.8, 1.3, 1.7, 0.012)
     out = np.empty(attenuation.shape, np.uint16)
     _kernels.present_kernel(attenuation, *coarse, 3.0, (1.0, 1.8), 3.1, curve, 4095.0, out)
     shown = []

@@ -4,9 +4,9 @@ from naive.acquisition import half_disc
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from mammosim.acquisition.breast_outline import without_nipple
-from mammosim.acquisition.looks import LOOKS
+from mammosim.acquisition.looks import FAT_GREY, LOOKS
 from mammosim.acquisition.muscle import muscle_of
-from mammosim.acquisition.presentation import FAT_GREY, MAXIMUM, present
+from mammosim.acquisition.presentation import MAXIMUM, present
 
 PIXEL_MM = 0.2
 SHAPE = (700, 400)

@@ -27,9 +27,6 @@ MIN_TOE_SLOPE, MIN_SHOULDER_SLOPE = 0.34, 0.32
 # clinical images fibres of muscle, and strands before it, are seen as well as those in fat.
 EVEN_SHOULDER_SLOPE = 0.75
 
-# Fine details (ln) well below this are taken for grain, which is about a hundredth in fat.
-GRAIN_LIMIT = 0.012
-
 # Grain is shown as if a sigmoid window followed, this many times as
 # strongly as the straight line per unit of grey * (1 - grey). On six clinical images grain follows
 # grey so within a fifth, from 0.1 to 0.8: it is strongest in the middle greys, 2.3 times that in
@@ -244,6 +241,8 @@ class ToneCurve(NamedTuple):
     wide_gain, fine_gain : float
         Contrast of details that the middle still holds, and of those that it does not, over that
         of the base.
+    grain : float
+        Fine details (ln) well below this are taken for grain.
     """
 
     fat: float
@@ -255,6 +254,7 @@ class ToneCurve(NamedTuple):
     white: float
     wide_gain: float
     fine_gain: float
+    grain: float
 
 
 @kernel
@@ -350,7 +350,8 @@ def present_kernel(
             away = _interpolated(even, y, x)
             fine_gain = 1.0 + (curve.fine_gain - 1.0) * (1.0 - BESIDE_STEPS * (1.0 - away))
             quiet = exp(-GRAIN_GROWTH * max(smooth - curve.fat, 0.0))
-            grain = GRAIN_LIMIT / quiet * tanh(fine * quiet / GRAIN_LIMIT)
+            limit = curve.grain / quiet
+            grain = limit * tanh(fine / limit)
             enhanced = curve.wide_gain * wide + fine_gain * (fine - grain)
             # of the base's curve there: its toe is exponential, its shoulder a hyperbola
             on_toe = max(min(shown / curve.toe, 1.0), FLATTEST_TOE)

@@ -6,6 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+FAT_GREY, GLAND_GREY = 0.10, 0.64
+"""Usual grey of fat and of gland. On clinical images the 5th percentile of grey in the breast is
+0.08 to 0.22 (twelve CC; mean 0.12) and 0.09 to 0.12 (five MLO), the 99th 0.55 to 0.75."""
+
 
 @dataclass(frozen=True)
 class Look:
@@ -25,6 +29,10 @@ class Look:
         Depth over which grey rises from black at the skin line, over that of the least.
     white : float
         Grey that the shoulder of the base nears, where muscle lies.
+    fat_grey, gland_grey : float
+        Grey of fat and of gland.
+    lift : float
+        Part of what is missing up to the level of gland that is added at the margin's edge.
     """
 
     gains: tuple[float, float]
@@ -32,6 +40,9 @@ class Look:
     sharpness: float
     skin_rise: float = 1.0
     white: float = 0.86
+    fat_grey: float = FAT_GREY
+    gland_grey: float = GLAND_GREY
+    lift: float = 0.65
 
 
 UNIT_STREAM = 7
@@ -40,8 +51,9 @@ UNIT_STREAM = 7
 SHARP_MM = 0.2
 """Width of the Gaussian above which sharpness does nothing, mm."""
 
-SHARP_LIMIT = 0.02
-"""Details (ln) well below this are raised in full, those above not at all."""
+SHARP_LIMIT = 0.03
+"""Details (ln) well below this are raised in full, those above not at all. Up to a sharpness of 2.2
+more stays more."""
 
 LOOKS = {"crisp": Look((1.35, 1.9), 0.055, 0.7), "soft": Look((1.1, 1.35), 0.06, 0.2)}
 """Scanners differ in how far they enhance local contrast and suppress noise; these are two ends of
@@ -50,20 +62,48 @@ what is seen on clinical images, of no manufacturer in particular."""
 DRAWN = "drawn"
 """Name of the look that each seed draws for itself."""
 
-WIDE_GAINS, FINE_GAINS = (1.3, 1.55), (1.9, 2.8)
-"""Range of a unit's gains. Grain in the middle greys differs by a factor of 1.8 over the images of
-three women from two manufacturers; this is a range of 1.5."""
+WIDE_GAINS, FINE_GAINS = (1.4, 1.6), (1.8, 2.6)
+"""Range of a unit's gains; that of fine detail at the sharpness of `USUAL_SHARPNESS`."""
 
-SHARPNESS = (0.5, 0.9)
-"""Range of a unit's sharpness. Chosen."""
+SHARPNESS, USUAL_SHARPNESS = (0.65, 2.0), 0.9
+"""Range of a unit's sharpness. The spectral exponent from 0.7 to 2 per mm, which is 2.45 to 3.20 on
+clinical CC and 2.26 to 3.27 on MLO, falls by 0.5 over it."""
+
+FINE_EXCHANGE = 0.8
+"""Fine gain falls with this power of what sharpness raises the finest detail by (1 + sharpness), so
+that grain differs by a factor of 1.6 between units; in the middle greys it does by 1.8 over the
+images of three women from two manufacturers."""
+
+NOISE_SIGMAS_MM = (0.060, 0.050)
+"""Range of the smoothing of the finest noise, from the weakest processing to the strongest."""
 
 SKIN_RISES = (0.8, 1.3)
 """Range of a unit's rise of the skin line: on clinical images grey rises over 0.55 to 1.65 mm in
-CC, 0.93 mm on average (twelve images), and is brightest 0.7 to 1.2 mm below the edge (six). With
+CC, 0.93 mm on average (twelve images), and is brightest 0.7 to 1.25 mm below the edge (six). With
 more than this the line is brightest beyond that, and a dim band."""
 
-WHITES = (0.76, 0.92)
-"""Range of the grey that muscle nears: on clinical images muscle is at 0.34 to 0.81 (five)."""
+WHITES = (0.92, 0.64)
+"""Range of the grey that muscle nears, from the weakest processing to the strongest: on clinical
+images muscle is at 0.34 to 0.81 (five)."""
+
+FAT_GREYS, GLAND_GREYS = (0.085, 0.110), (0.58, 0.70)
+"""Ranges of the grey of fat and of gland, which are the unit's window. Chosen within what is seen
+on clinical images (see `FAT_GREY`)."""
+
+LIFTS = (0.45, 0.8)
+"""Range of how far a unit's equalization overcompensates the margin: on clinical images grey 5 mm
+below the skin line is 0.05 to 0.31 of the range above the darkest (twelve CC)."""
+
+FAMILIES = 0.6
+"""Both parameters of the beta distribution of how strongly a unit processes: most lie near one of
+two ends, for there are few families of processing. The clinical MLO with the greyest muscle (0.41)
+has the flattest spectrum of fine detail (exponent 2.3), the finest grain and the wider skin line,
+those with white muscle (0.79, 0.81) a steep one (3.2, 3.3). The number is chosen."""
+
+IN_COMMON = 0.8
+"""Part of a unit's place in the ranges of sharpness, noise, skin line and white that is common to
+all four, for processing by scales compresses what is wide and raises what is fine together; the
+rest is each one's own. Chosen."""
 
 
 def look_of(name: str, unit_seed: int | None = None) -> Look:
@@ -75,7 +115,30 @@ def look_of(name: str, unit_seed: int | None = None) -> Look:
     if name != DRAWN:
         return LOOKS[name]
     rng = np.random.default_rng([unit_seed or 0, UNIT_STREAM])
-    wide, sharpness, white = (rng.uniform(*span) for span in (WIDE_GAINS, SHARPNESS, WHITES))
-    fine, rise = (np.exp(rng.uniform(*np.log(span))) for span in (FINE_GAINS, SKIN_RISES))
-    crisp = LOOKS["crisp"]
-    return Look((wide, float(fine)), crisp.noise_sigma_mm, sharpness, float(rise), white)
+    strength = rng.beta(FAMILIES, FAMILIES)
+
+    def related(span: tuple[float, float]) -> float:
+        part = IN_COMMON * strength + (1.0 - IN_COMMON) * rng.uniform()
+        return float(span[0] + (span[1] - span[0]) * part)
+
+    def own(span: tuple[float, float]) -> float:
+        return float(rng.uniform(*span))
+
+    sharpness = float(np.exp(related(_logarithm(SHARPNESS))))
+    exchange = ((1.0 + sharpness) / (1.0 + USUAL_SHARPNESS)) ** FINE_EXCHANGE
+    fine = float(np.exp(own(_logarithm(FINE_GAINS)))) / exchange
+    return Look(
+        gains=(own(WIDE_GAINS), fine),
+        noise_sigma_mm=related(NOISE_SIGMAS_MM),
+        sharpness=sharpness,
+        skin_rise=float(np.exp(related(_logarithm(SKIN_RISES)))),
+        white=related(WHITES),
+        fat_grey=own(FAT_GREYS),
+        gland_grey=own(GLAND_GREYS),
+        lift=own(LIFTS),
+    )
+
+
+def _logarithm(span: tuple[float, float]) -> tuple[float, float]:
+    """Logarithms of both ends of a range."""
+    return float(np.log(span[0])), float(np.log(span[1]))

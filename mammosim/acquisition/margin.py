@@ -110,9 +110,9 @@ has less or more; and the distances from it up to which this is done in full and
 all. On clinical images a nipple is evenly as bright as the skin line beside it, or brighter (three
 women), and fades into the breast with no line across its base. Set by eye."""
 
-LIFT, LIFT_MM = 0.65, 4.5
-"""Part of what is missing up to the level of gland that is added at the margin's edge, that of a
-nipple included, and the depth at which this has fallen to half. On clinical images fat brightens
+LIFT_MM = 4.5
+"""Depth at which what is added to the margin, that of a nipple included, has fallen to half of that
+at its edge. On clinical images fat brightens
 towards the skin line, whose grey is 0.63 to 0.73: 3 mm below it it is 0.30 to 0.36, 5 mm below 0.23
 to 0.25, 10 mm below 0.14 to 0.17, and a nipple in profile is about as bright as the skin line
 (three images)."""
@@ -153,10 +153,9 @@ def missing_attenuation(
     outermost ring to the edge it is continued as an ellipse, since a free surface between two
     plates is rounded. What a layer of skin on that surface adds is taken off, so that skin keeps
     the height above fat that its own attenuation gives it: most where it is seen along its
-    surface, then less and less over some millimetres. A nipple in profile is
-    soft tissue as thick as its own attenuation says. Nothing in
-    a breast attenuates less than fat; what does in the sum is thinner than its surroundings, as
-    between folds, and is brought up to it.
+    surface, then less and less over some millimetres. A nipple in profile is soft tissue as thick
+    as its own attenuation says. Nothing in a breast attenuates less than fat; what does in the sum
+    is thinner than its surroundings, as between folds, and is brought up to it.
     """
     plateau = _plateau(coarse, margin, fat)
     rings = np.minimum(_ring_profiles(coarse, margin), plateau)
@@ -176,7 +175,7 @@ def missing_attenuation(
 
 
 def raised_edge(
-    equalized: F64, margin: Margin, plateau: float, fat: float, contrast: float
+    equalized: F64, margin: Margin, plateau: float, fat: float, contrast: float, lift: float
 ) -> tuple[F64, F64]:
     """What is added to the margin, and to its skin, which are seen before the black of air.
 
@@ -189,6 +188,8 @@ def raised_edge(
         Attenuation (ln) of fat at full thickness, above which skin is raised.
     fat, contrast : float
         Attenuation (ln) shown at the grey of fat, and that of gland above it.
+    lift : float
+        Part of what is missing up to the level of gland that is added at the edge.
 
     Returns
     -------
@@ -200,8 +201,8 @@ def raised_edge(
     depth_mm = _outline_depth_mm(margin)
     level = (equalized - fat) / contrast
     above = (equalized - plateau) / contrast
-    lift = LIFT / (1.0 + np.square(np.maximum(depth_mm, 0.0) / LIFT_MM))
-    lifted = lift * (1.0 - np.clip(level, -1.0, 1.0))
+    part = lift / (1.0 + np.square(np.maximum(depth_mm, 0.0) / LIFT_MM))
+    lifted = part * (1.0 - np.clip(level, -1.0, 1.0))
     raised = above - level + EDGE_GAIN * (1.0 - np.clip(above / EDGE_TOP, 0.0, 1.0))
     return contrast * lifted, contrast * np.maximum(raised - lifted, 0.0)
 

@@ -46,10 +46,6 @@ MIN_CONTRAST, MAX_CONTRAST = 0.45, 1.0
 the first; what an all-dense breast (about 40 mm of gland) has beyond the second goes into the
 shoulder of the curve."""
 
-FAT_GREY, GLAND_GREY = 0.10, 0.64
-"""Grey of fat and of gland. On clinical images the 5th percentile of grey in the breast is 0.08 to
-0.22 (twelve CC; mean 0.12) and 0.09 to 0.12 (five MLO), the 99th 0.55 to 0.75."""
-
 TOE, SHOULDER = 0.55, 0.58
 """Grey below and above which the base bends; the shoulder nears the look's white. The toe reaches
 nearly up to gland, so that bright lines stand out more than dark ones within gland too, and shows
@@ -60,6 +56,10 @@ it is at 0.34 to 0.81."""
 DETAIL_CONTRAST = 0.55
 """Weak details are shown as if the contrast (ln) of gland above fat were no larger: those of dense
 breasts do not fade as the scale of the base widens."""
+
+GRAIN = 0.007
+"""Fine details (ln) well below this are taken for grain, which is about a hundredth in fat; the
+limit grows with sharpness, as grain does."""
 
 FLOOR_CONTRAST = 0.3
 """The base goes no further below fat than this part of the contrast: it takes no part in air."""
@@ -148,7 +148,7 @@ def present(
         low, contrast = _levels(equalized, margin, plateau, _resampled(region, coarse.shape))
         near, far = EDGE_REACH
         evened, nipple = evened_nipple(margin), low + NIPPLE_LEVEL * contrast
-        lifted, raised = raised_edge(equalized, margin, plateau, low, contrast)
+        lifted, raised = raised_edge(equalized, margin, plateau, low, contrast, unit.lift)
         raised *= 1.0 - evened
         missing, equalized = missing + lifted, equalized + lifted
         equalized += smooth_step((far - rise) / (far - near)) * raised
@@ -156,9 +156,13 @@ def present(
         level = np.maximum(equalized, low - FLOOR_CONTRAST * contrast)
         base, even = _base(level, BASE_RADIUS_MM / margin.cell_mm)
         middle, _ = _base(level, MIDDLE_RADIUS_MM / margin.cell_mm)
-        fat_place = TOE * (1.0 + np.log(FAT_GREY / TOE))  # what the toe shows as fat's grey
-        gains = np.array(unit.gains) * max(contrast / DETAIL_CONTRAST, 1.0)
-        curve = ToneCurve(low, contrast, fat_place, GLAND_GREY, TOE, SHOULDER, unit.white, *gains)
+        # what the toe shows as fat's grey
+        fat_place = TOE * (1.0 + np.log(unit.fat_grey / TOE))
+        wide_gain, fine_gain = np.array(unit.gains) * max(contrast / DETAIL_CONTRAST, 1.0)
+        curve = ToneCurve(
+            low, contrast, fat_place, unit.gland_grey, TOE, SHOULDER, unit.white,
+            wide_gain, fine_gain, GRAIN * (1.0 + unit.sharpness),
+        )  # fmt: skip
         smooth = _restored(attenuation, unit, pixel_mm)
         present_kernel(
             smooth, missing, raised, rise, evened, base, middle, even, float(cell),
