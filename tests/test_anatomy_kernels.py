@@ -17,6 +17,7 @@ from mammosim.phantom.anatomy import (
     _fill_kernels,
     _net_kernels,
     _noise_kernels,
+    _slope_kernels,
     _surface_kernels,
     _tissue_kernels,
     _tube_kernels,
@@ -73,6 +74,14 @@ def test_gland_is_where_the_potential_exceeds_the_threshold():
     assert differ == 0
     assert checked > 60
     assert 0.05 < gland[soft].mean() < 0.9
+
+
+def test_slopes_are_those_of_numpy_to_the_last_bit():
+    value = np.random.default_rng(3).normal(size=(5, 4, 6))
+    found = np.empty(value.shape)
+    _slope_kernels.slopes(value, 0.3, found)
+    expected = np.sqrt(sum(part**2 for part in np.gradient(value, 0.3)))
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_noise_is_zero_at_lattice_points_and_of_unit_variance():

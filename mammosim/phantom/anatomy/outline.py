@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from mammosim._side_by_side import both
 from mammosim.geometry import VoxelFrame
+from mammosim.phantom.anatomy._slope_kernels import slopes
 from mammosim.phantom.anatomy.axilla import (
     HELD_FROM,
     HELD_OVER,
@@ -188,5 +189,6 @@ def _of_unit_slope(depth_mm: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def steepness(value: NDArray[np.float64], step_mm: float = GRID_MM) -> NDArray[np.float64]:
     """Change of a field per millimetre in the direction in which it changes most."""
-    slope: NDArray[np.float64] = np.sqrt(sum(part**2 for part in np.gradient(value, step_mm)))
+    slope = np.empty(value.shape)
+    slopes(np.ascontiguousarray(value), step_mm, slope)
     return slope

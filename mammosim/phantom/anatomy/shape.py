@@ -179,10 +179,13 @@ def level(shape: Shape, points_mm: Points) -> NDArray[np.float64]:
     across = lateral - shape.base_lateral_mm * shift
     up = superior - shape.base_superior_mm * shift + sag
     angle = np.arctan2(up, across)
-    straight = _by_direction(shape.straight, angle)
-    straight = straight + (shape.straight_upper_outer - straight) * _upper_outer(angle)
+    cosine, sine, upper_outer = np.cos(angle), np.sin(angle), _upper_outer(angle)
+    straight = _by_direction(shape.straight, cosine, sine)
+    straight = straight + (shape.straight_upper_outer - straight) * upper_outer
     fall = np.exp(-x / (FOOT_PART * shape.radius_mm))
-    reach = _reach_mm(shape, angle, t) * (1.0 + _by_direction(shape.foot, angle) * fall)
+    full = shape.fullness * upper_outer * np.clip(1.0 - t, 0.0, 1.0) ** 0.5
+    reach = _reach_mm(shape, angle, cosine, sine, full)
+    reach *= 1.0 + _by_direction(shape.foot, cosine, sine) * fall
     p = 2.15 - 0.95 * straight
     q = 2.1 - 0.60 * straight
     squared = (across**2 + up**2) / reach**2
@@ -194,20 +197,27 @@ def level(shape: Shape, points_mm: Points) -> NDArray[np.float64]:
 
 
 def _by_direction(
-    sides: tuple[float, float, float, float], angle: NDArray[np.float64]
+    sides: tuple[float, float, float, float],
+    cosine: NDArray[np.float64],
+    sine: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """A number that varies smoothly from each of four sides to the next."""
-    cosine, sine = np.cos(angle), np.sin(angle)
     lateral, medial, upper, lower = sides
     across: NDArray[np.float64] = np.where(cosine > 0.0, lateral, medial) * cosine**2
     return across + np.where(sine > 0.0, upper, lower) * sine**2
 
 
 def _reach_mm(
-    shape: Shape, angle: NDArray[np.float64], t: NDArray[np.float64]
+    shape: Shape,
+    angle: NDArray[np.float64],
+    cosine: NDArray[np.float64],
+    sine: NDArray[np.float64],
+    full: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Radius of the section in each direction, as if it were at the base, mm."""
-    cosine, sine = np.cos(angle), np.sin(angle)
+    """Radius of the section in each direction, as if it were at the base, mm.
+
+    `full` is how much more it is, in radii, where the breast is full.
+    """
     # Half-axes merge smoothly, so that the skin has no crease.
     right = 0.5 * (1.0 + np.tanh(2.5 * cosine))
     top = 0.5 * (1.0 + np.tanh(2.5 * sine))
@@ -217,7 +227,7 @@ def _reach_mm(
     outline = ((np.abs(cosine) / a) ** n + (np.abs(sine) / b) ** n) ** (-1.0 / n)
     c2, s2, c3, s3 = shape.ripple
     reach: NDArray[np.float64] = shape.radius_mm * (
-        outline + shape.fullness * _upper_outer(angle) * np.clip(1.0 - t, 0.0, 1.0) ** 0.5
+        outline + full
         + c2 * np.cos(2 * angle) + s2 * np.sin(2 * angle)
         + c3 * np.cos(3 * angle) + s3 * np.sin(3 * angle)
     )  # fmt: skip
