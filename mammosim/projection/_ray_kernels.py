@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mammosim._jit import Thread, borrowing_kernel, kernel, parallel_kernel, share
+from mammosim._jit import Thread, enclosed_kernel, parallel_kernel, share
 from mammosim.projection._grid_kernels import (
     NOWHERE,
     Floats,
@@ -104,7 +104,7 @@ def trace(
                 sums[:] = 0.0
 
 
-@borrowing_kernel
+@enclosed_kernel
 def _ray(
     slope_u: float, slope_v: float, beam: Beam, nodes: Nodes, voxels: Voxels, shares: Floats,
     sums: Floats,
@@ -138,7 +138,7 @@ def _ray(
     return met
 
 
-@kernel
+@enclosed_kernel
 def _within(
     spot: float, slope: float, spot_k: float, last: float, low: float, high: float
 ) -> tuple[float, float]:
@@ -150,7 +150,7 @@ def _within(
     return max(low, min(at_zero, at_last)), min(high, max(at_zero, at_last))
 
 
-@borrowing_kernel
+@enclosed_kernel
 def _segment(
     start: Place, end: Place, t_in: float, t_out: float, length: float, voxels: Voxels,
     shares: Floats, sums: Floats,
@@ -176,15 +176,16 @@ def _segment(
         )  # fmt: skip
         return
     if delta_z <= delta_x and delta_z <= delta_y:
-        _through_slabs(first, t_in, t_out, along_z, along_x, along_y, voxels, shares)
+        across, one, other = along_z, along_x, along_y
     elif delta_y <= delta_x:
-        _through_slabs(first, t_in, t_out, along_y, along_x, along_z, voxels, shares)
+        across, one, other = along_y, along_x, along_z
     else:
-        _through_slabs(first, t_in, t_out, along_x, along_y, along_z, voxels, shares)
+        across, one, other = along_x, along_y, along_z
+    _through_slabs(first, t_in, t_out, across, one, other, voxels, shares)
     _gather(length, weighted, shares, sums)
 
 
-@borrowing_kernel
+@enclosed_kernel
 def _along_columns(
     column: int, along_z: tuple[int, float, float], t_in: float, t_out: float, along_x: Axis,
     along_y: Axis, lengths: tuple[float, float], voxels: Voxels, sums: Floats,
@@ -223,7 +224,7 @@ def _along_columns(
     _add(label, t_out - since, lengths, voxels, sums)
 
 
-@borrowing_kernel
+@enclosed_kernel
 def _other(column: int, z: int, z_next: int, label: int, voxels: Voxels) -> int:
     """First voxel of a column, from z to `z_next`, that has another label; -1 if none has.
 
@@ -254,7 +255,7 @@ def _other(column: int, z: int, z_next: int, label: int, voxels: Voxels) -> int:
     return found - column if found <= last else -1
 
 
-@borrowing_kernel
+@enclosed_kernel
 def _add(
     label: int, part: float, lengths: tuple[float, float], voxels: Voxels, sums: Floats
 ) -> None:
@@ -264,7 +265,7 @@ def _add(
     sums[1, channel] += part * lengths[1]
 
 
-@borrowing_kernel
+@enclosed_kernel
 def _through_slabs(
     at: int, t_in: float, t_out: float, across: Axis, one: Axis, other: Axis, voxels: Voxels,
     shares: Floats,
@@ -274,7 +275,7 @@ def _through_slabs(
     In a slab the segment comes to the next voxel at most once along each of the other axes: it is
     in up to three voxels, and each gets its part, be it 0, without a branch that could go either
     way. Their parts go to three rows of `shares` [3, channel], since a sum must wait for the one
-    before it.
+    before it. Nor do the next sides wait to be compared: they are added up beforehand, and chosen.
     """
     t_slab, delta_slab, step_slab = across
     t_one, delta_one, step_one = one
@@ -291,14 +292,15 @@ def _through_slabs(
         shares[0, channel_of_label[labels[np.uint64(at)]]] += first - before
         shares[1, channel_of_label[labels[np.uint64(middle)]]] += second - first
         shares[2, channel_of_label[labels[np.uint64(last)]]] += t - second
-        t_one += delta_one if t_one < t else 0.0
-        t_other += delta_other if t_other < t else 0.0
+        next_one, next_other = t_one + delta_one, t_other + delta_other
+        t_one = next_one if t_one < t else t_one
+        t_other = next_other if t_other < t else t_other
         t_slab += delta_slab
         at = last + step_slab
         before = t
 
 
-@borrowing_kernel
+@enclosed_kernel
 def _gather(length: float, weighted: float, shares: Floats, sums: Floats) -> None:
     """Add the channels' shares of a segment to their sums, plain and weighted, and clear them.
 
@@ -311,7 +313,7 @@ def _gather(length: float, weighted: float, shares: Floats, sums: Floats) -> Non
         shares[0, channel] = shares[1, channel] = shares[2, channel] = 0.0
 
 
-@kernel
+@enclosed_kernel
 def _inside(start: float, end: float, size: int, t_in: float, t_out: float) -> tuple[float, float]:
     """The part of [t_in, t_out] where start + t (end - start) lies within the array.
 
@@ -328,7 +330,7 @@ def _inside(start: float, end: float, size: int, t_in: float, t_out: float) -> t
     return max(t_in, min(at_low, at_high)), min(t_out, max(at_low, at_high))
 
 
-@kernel
+@enclosed_kernel
 def _enter(start: float, end: float, size: int, t_in: float) -> tuple[int, float, float, int]:
     """First voxel along one axis, t at which it is left, t that a voxel takes, and the step."""
     change = end - start
