@@ -62,7 +62,7 @@ what is seen on clinical images, of no manufacturer in particular."""
 DRAWN = "drawn"
 """Name of the look that each seed draws for itself."""
 
-WIDE_GAINS, FINE_GAINS = (1.4, 1.6), (1.8, 2.6)
+WIDE_GAINS, FINE_GAINS = (1.35, 1.55), (1.8, 2.6)
 """Range of a unit's gains; that of fine detail at the sharpness of `USUAL_SHARPNESS`."""
 
 SHARPNESS, USUAL_SHARPNESS = (0.65, 2.0), 0.9
