@@ -80,9 +80,10 @@ def test_mlo_shows_the_pectoral_muscle_as_a_triangle(study):
     assert width[top].mean() > 15.0
     assert width[bottom].mean() < 0.6 * width[top].mean()
     assert (muscle[rows[rows.size // 2]] > 10.0)[1]
+    lengths = {name: paths.length_mm[paths.tissues.index(name)] for name in ("muscle", "adipose")}
+    fatty = (lengths["muscle"] == 0.0) & (lengths["adipose"] > 0.8 * paths.thickness_mm)
     grey = image.for_presentation
-    thick = paths.length_mm[paths.tissues.index("muscle")] > 30.0
-    assert grey[thick].mean() > 0.6 * grey.max()
+    assert grey[lengths["muscle"] > 10.0].mean() > 1.5 * grey[fatty].mean()
 
 
 def test_breast_and_muscle_run_out_of_the_oblique_picture_at_its_upper_edge(study):

@@ -228,7 +228,7 @@ def test_the_muscle_is_as_thick_towards_the_axilla_as_oblique_images_show_it():
         body = draw_body(settings, seed, "LR"[seed % 2])
         x, lateral, superior = mesh(body.frame)
         way = along_mm(lateral, superior)
-        front = (x + body.muscle_mm)[0]  # the depth falls by a millimetre a millimetre along x
+        front = (x + body.behind_mm)[0]  # the depth falls by a millimetre a millimetre along x
         at_end.append(front[np.abs(way[0] - body.outline.axilla.cut_mm) < 2.0].max())
         at_nipple.append(front[np.abs(way[0]) < 2.0].max())
         below.append(front[np.broadcast_to(superior[0] < 0.0, front.shape)].max())
@@ -630,3 +630,24 @@ def test_fit_volume_scales_shape_not_its_proportions():
     fitted = fit_volume(outline, muscle, 400.0).shape
     assert fitted.depth_mm / fitted.radius_mm == pytest.approx(shape.depth_mm / shape.radius_mm)
     assert fitted.fullness == shape.fullness
+
+
+def test_muscles_differ_between_women_and_thin_downwards():
+    """The sheet is thickest towards the axilla; thin ones hold more fat, as age has both."""
+    muscles = [draw_muscle(np.random.default_rng(seed)) for seed in range(300)]
+    sheet, fat = (np.array([getattr(m, name) for m in muscles]) for name in ("sheet_mm", "fat"))
+    assert 34.0 < np.median(sheet) < 42.0
+    assert 7.0 < np.std(sheet) < 12.0
+    assert 0.03 <= fat.min() < 0.04 < 0.11 < fat.max() <= 0.12
+    assert -0.7 < np.corrcoef(sheet, fat)[0, 1] < -0.3
+    body = draw_body(GenerateSettings(volume_ml=500.0), 3, "L")
+    _, lateral, superior = mesh(body.frame)
+    way, voxel = along_mm(lateral, superior)[0], 2.0
+    sections = [
+        voxel * np.count_nonzero(((body.muscle_mm > 0.0) & (np.abs(way - at) < 2.0))[6:])
+        for at in (20.0, 50.0, 80.0)
+    ]
+    assert sections == sorted(sections)
+    # Beside it there is fat as far forward as its front.
+    assert np.count_nonzero(body.muscle_mm > 0.0) < 0.8 * np.count_nonzero(body.behind_mm > 0.0)
+    assert (body.muscle_mm <= np.maximum(body.behind_mm, 0.0) + 1e-9)[2:].all()

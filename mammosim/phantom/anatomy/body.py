@@ -11,7 +11,14 @@ from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy._block_kernels import Lattice, Paint
 from mammosim.phantom.anatomy.axilla import CUT_DEG, draw_axilla
 from mammosim.phantom.anatomy.fold import draw_fold
-from mammosim.phantom.anatomy.muscle import COVER_MM, draw_muscle, fit_volume, muscle_depth
+from mammosim.phantom.anatomy.muscle import (
+    COVER_MM,
+    Muscle,
+    draw_muscle,
+    fit_volume,
+    front_depth,
+    muscle_depth,
+)
 from mammosim.phantom.anatomy.nipple import Areola, Nipple, draw_areola, draw_nipple, varied
 from mammosim.phantom.anatomy.outline import (
     GRID_MM,
@@ -42,14 +49,17 @@ than 6 %."""
 class Body:
     """A breast from outside: depths are on the grid of `frame`, positive inside, mm.
 
-    `own_mm` is the depth in the breast itself, without the abdominal wall below its fold.
+    `own_mm` is the depth in the breast itself, without the abdominal wall below its fold;
+    `behind_mm` that behind the muscle's front, in muscle or the fat beside it.
     """
 
     outline: Outline
     frame: VoxelFrame
     depth_mm: NDArray[np.float64]
     own_mm: NDArray[np.float64]
+    behind_mm: NDArray[np.float64]
     muscle_mm: NDArray[np.float64]
+    muscle: Muscle
     skin_mm: float
     nipple: Nipple
     areola: Areola
@@ -105,9 +115,19 @@ def draw_body(settings: GenerateSettings, seed: int, laterality: str) -> Body:
     fold = draw_fold(shape, shared)
     outline = fit_volume(Outline(shape, axilla, fold), muscle, volume_ml)
     frame = coarse_frame(outline)
-    depth, muscled = skin_depth(outline, frame), muscle_depth(muscle, outline, frame)
-    own = depth_of_breast(outline, depth, frame)
-    return Body(outline, frame, depth, own, muscled, settings.skin_mm or skin, nipple, areola)
+    depth = skin_depth(outline, frame)
+    return Body(
+        outline,
+        frame,
+        depth,
+        depth_of_breast(outline, depth, frame),
+        front_depth(muscle, outline, frame),
+        muscle_depth(muscle, outline, frame),
+        muscle,
+        settings.skin_mm or skin,
+        nipple,
+        areola,
+    )
 
 
 def lattice_of(body: Body, voxel_mm: float) -> Lattice:

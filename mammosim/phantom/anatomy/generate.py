@@ -50,11 +50,7 @@ from mammosim.phantom.anatomy.lobules import (
     septum_mm,
     settle_gland,
 )
-from mammosim.phantom.anatomy.muscle import (
-    BUNDLE_MM,
-    FAT_IN_MUSCLE,
-    fibre_coordinates,
-)
+from mammosim.phantom.anatomy.muscle import BUNDLE_MM, fibre_coordinates
 from mammosim.phantom.anatomy.noise import noise_tile
 from mammosim.phantom.anatomy.parenchyma import (
     Parenchyma,
@@ -91,10 +87,6 @@ stay within compact gland. Chosen by eye."""
 
 NO_GLAND = -9.0
 """Potential in the abdominal wall: below any threshold."""
-
-MUSCLE_STREAKS = 1.75
-"""Standard deviations of the finest noise above which muscle is fat: a twenty-fifth of it.
-Chosen by eye."""
 
 Density = Literal["fatty", "scattered", "heterogeneous", "dense", "a", "b", "c", "d"]
 
@@ -189,9 +181,7 @@ def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastP
     paint_threads(labels, lattice, threads.ends_mm, threads.radius_mm, paint.labels, seed & 0xFFFF)
     paint_tubes(labels, lattice, tubes.ends_mm, tubes.radius_mm, tubes.label)
     paint = paint._replace(
-        threshold=_threshold(
-            labels, lattice, texture, paint, settings.target_percent, anatomy.body.own_mm
-        )
+        threshold=_threshold(labels, lattice, texture, paint, settings.target_percent, anatomy.body)
     )
     paint_tissue(dealt(lattice.x_start.size - 1), labels, lattice, texture, paint)
     paint_findings(labels, lattice, anatomy.findings)
@@ -246,7 +236,7 @@ def _draw_gland(
 ) -> _Gland:  # fmt: skip
     outline, frame, muscled = body.outline, body.frame, body.muscle_mm
     foot_mm = outline.shape.depth_mm
-    room = gland_room(outline, kind, body.own_mm, muscled, frame, field_rng)
+    room = gland_room(outline, kind, body.own_mm, body.behind_mm, frame, field_rng)
     ends = np.array([foot_mm, foot_mm + body.nipple.height_mm])
     trees = grow_ducts(room, frame, ends, kind.units_a_lobe, duct_rng)
     thickness = skin_mm(body.skin_mm, frame, field_rng)
@@ -269,7 +259,7 @@ class _Foam:
 
 def _draw_foam(body: Body, kind: Parenchyma, rng: np.random.Generator) -> _Foam:
     bent = lobule_coordinates(body.outline, body.frame, rng)
-    fibres = fibre_coordinates(body.outline, body.muscle_mm, body.frame, rng)
+    fibres = fibre_coordinates(body.outline, body.behind_mm, body.frame, rng)
     septum = septum_mm(body.depth_mm, kind.septum_mm, body.frame, rng)
     lobules = draw_net(bent, LOBULE_MM * kind.lobule_size, rng)
     fine = draw_net(bent, FINE_MM, rng)
@@ -286,7 +276,7 @@ def _texture(anatomy: _Anatomy, seed: int) -> Texture:
         np.array(GRAIN_AMPLITUDE), np.array(GRAIN_MM), NOISE_LIMIT, kind.lobule_mm, kind.lobules,
         -GLANDULAR * kind.lobules,
         anatomy.tile, FINE_AMPLITUDE * FINE_LIMIT / 127.0, GLAND_CAP,
-        FINE_AMPLITUDE * MUSCLE_STREAKS,
+        FINE_AMPLITUDE * anatomy.body.muscle.streaks,
         seed & 0xFFFFFF,
     )  # fmt: skip
 
@@ -297,16 +287,16 @@ def _threshold(
     texture: Texture,
     paint: Paint,
     percent: float,
-    own_mm: NDArray[np.float64],
+    body: Body,
 ) -> float:
     """Potential above which tissue is gland, so that the fibroglandular share is met.
 
-    Blocks whose middle has a negative depth `own_mm` in the breast do not count.
+    Blocks whose middle is not in the breast itself do not count.
     """
     shape = (*(side - 1 for side in texture.fields.shape[:3]), SAMPLES)
     potential, state = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
     sample_potential(dealt(shape[0]), labels, lattice, texture, paint, potential, state)
-    middle = ndimage.uniform_filter(own_mm, 2, origin=-1)[:-1, :-1, :-1]
+    middle = ndimage.uniform_filter(body.own_mm, 2, origin=-1)[:-1, :-1, :-1]
     state[middle < 0.0] = NOT_COUNTED
     # Each stands for an equal part of its block's voxels.
     along = (np.diff(start) for start in lattice[-3:])
@@ -314,7 +304,7 @@ def _threshold(
     voxels = np.broadcast_to(block, shape)
     # Fat within muscle counts as breast; gland has no part in it.
     counted = voxels[state != NOT_COUNTED].sum()
-    counted -= (1.0 - FAT_IN_MUSCLE) * voxels[state == IN_MUSCLE].sum()
+    counted -= (1.0 - body.muscle.fat) * voxels[state == IN_MUSCLE].sum()
     # Ducts and units count whatever the threshold; of the rest, as many of the highest as miss.
     missing = percent / 100.0 * counted - voxels[state == TUBE].sum()
     free, filled = potential[state == UNDECIDED], voxels[state == UNDECIDED]

@@ -17,7 +17,6 @@ from mammosim.phantom.anatomy.body import (
     streams_of_breast,
     streams_of_woman,
 )
-from mammosim.phantom.anatomy.muscle import FAT_IN_MUSCLE
 from mammosim.phantom.anatomy.outline import GRID_MM
 from mammosim.phantom.anatomy.parenchyma import (
     draw_parenchyma,
@@ -52,7 +51,7 @@ def generate_outline(
     lattice, paint, frame = lattice_of(body, settings.voxel_mm), paint_of(body), body.frame
     field_rng = streams_of_breast(seed, laterality)[2]
     kind = draw_parenchyma(settings.density_class, streams_of_woman(seed)[1])
-    room = gland_room(body.outline, kind, body.own_mm, body.muscle_mm, frame, field_rng)
+    room = gland_room(body.outline, kind, body.own_mm, body.behind_mm, frame, field_rng)
     breast = (body.depth_mm > body.skin_mm) & (body.own_mm > 0.0) & (body.muscle_mm < 0.0)
     room = gland_region(room, breast, kind.expanse * settings.target_percent / 100.0)
     foot_mm = body.outline.shape.depth_mm
@@ -69,10 +68,10 @@ def generate_outline(
     inside = (depth > body.skin_mm) & (own > 0.0)
     within = np.sort(gland[inside & (muscle < 0.0)])
     # Fat within muscle counts as breast, as in `generate_phantom`.
-    counted = within.size + FAT_IN_MUSCLE * np.count_nonzero(inside & (muscle >= 0.0))
+    counted = within.size + body.muscle.fat * np.count_nonzero(inside & (muscle >= 0.0))
     fat = max(within.size - int(settings.target_percent / 100.0 * counted), 0)
     paint = paint._replace(threshold=float(within[min(fat, within.size - 1)]))
     labels = np.zeros(depth.shape, np.uint8)
-    paint_outline(labels, lattice, paint, depth, muscle, gland, body.skin_mm, float(FAT_IN_MUSCLE))
+    paint_outline(labels, lattice, paint, depth, muscle, gland, body.skin_mm, body.muscle.fat)
     end = open_end_of(body, laterality, body.skin_mm)
     return phantom_of(labels, lattice, body, settings, seed, laterality, end)
