@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import sys
 
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # `M_TRIM_THRESHOLD` and `M_MMAP_THRESHOLD`, malloc.h
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8  # `M_TRIM_THRESHOLD`, ... of malloc.h
 
 HEAP_BYTES = 1 << 26
 """Arrays up to this size are taken from the heap; glibc's own limit grows to half as much at most
@@ -26,6 +26,17 @@ def keep_freed_memory() -> bool:
     if mallopt is None:
         return False
     return bool(mallopt(_MMAP_THRESHOLD, HEAP_BYTES) and mallopt(_TRIM_THRESHOLD, KEPT_BYTES))
+
+
+def share_heap() -> None:
+    """Let threads that start from here on take memory from the process's own heap.
+
+    glibc gives each a heap of its own (mallopt(3), `M_ARENA_MAX`), of which it returns nothing that
+    is free at the end.
+    """
+    mallopt = _of_glibc("mallopt")
+    if mallopt is not None:
+        mallopt(_ARENA_MAX, 1)
 
 
 def return_freed_memory() -> None:

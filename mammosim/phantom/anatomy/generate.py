@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from mammosim._heap import return_freed_memory
+from mammosim._heap import return_freed_memory, share_heap
 from mammosim._side_by_side import both, dealt
 from mammosim.config import documents_keys, given_settings
 from mammosim.errors import InputError
@@ -169,6 +169,7 @@ class _Anatomy:
 
 
 def _generate(settings: GenerateSettings, seed: int, laterality: str) -> BreastPhantom:
+    share_heap()
     anatomy = _anatomy(settings, seed, laterality)
     end = open_end_of(anatomy.body, laterality, float(anatomy.fields[..., SKIN_MM].mean()))
     return_freed_memory()  # to draw it took as much memory as labels do
