@@ -68,8 +68,9 @@ def test_inverse_of_a_small_lattice(largest, per_cell):
     depth = rng.integers(-1, 4, (nodes,) * 3).clip(0).astype(np.int8)
     displacement = rng.uniform(-largest, largest, (nodes, nodes, nodes, 3))
     shift, shape = np.full(3, -1.0 * per_cell), ((nodes + 2) * per_cell,) * 3
-    original, rank = np.full((*shape, 3), np.nan), np.zeros(shape, np.int8)
-    rasterise_inverse(displacement, depth, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank)
+    places, rank = np.full((3, *shape), np.nan), np.zeros(shape, np.int8)
+    original = np.moveaxis(places, 0, -1)
+    rasterise_inverse(displacement, depth, float(per_cell), shift, KUHN_TETRAHEDRA, places, rank)
     covered = 0
     for index in np.ndindex(*shape):
         point = (np.array(index) + shift) / per_cell
@@ -95,8 +96,9 @@ def test_a_fold_of_the_surface_leaves_what_lies_deeper_alone():
     displacement[1, 1, 0, 2] = 3.4
     displacement[2, 2, 0, 2], displacement[2, 2, 1, 2] = 2.9, 3.3
     shift, shape = np.full(3, -1.0), (14, 14, 22)
-    original, rank = np.full((*shape, 3), np.nan), np.zeros(shape, np.int8)
-    rasterise_inverse(displacement, depth, 4.0, shift, KUHN_TETRAHEDRA, original, rank)
+    places, rank = np.full((3, *shape), np.nan), np.zeros(shape, np.int8)
+    original = np.moveaxis(places, 0, -1)
+    rasterise_inverse(displacement, depth, 4.0, shift, KUHN_TETRAHEDRA, places, rank)
     points = np.stack(np.indices(shape) - 1.0, axis=-1) / 4.0
     unmoved = (rank > 0) & (points[..., 2] > 2.0)
     assert unmoved.sum() > 1500
@@ -110,19 +112,20 @@ def test_a_finer_inverse_is_the_trilinear_fields():
     depth = np.ones((3, 3, 3), np.int8)
     displacement = rng.uniform(-0.2, 0.2, (3, 3, 3, 3))
     shift, shape = np.full(3, -4.0), (14, 14, 14)
-    original, rank = np.full((*shape, 3), np.nan), np.zeros(shape, np.int8)
-    rasterise_inverse(displacement, depth, 3.0, shift, KUHN_TETRAHEDRA, original, rank)
+    places, rank = np.full((3, *shape), np.nan), np.zeros(shape, np.int8)
+    original = np.moveaxis(places, 0, -1)
+    rasterise_inverse(displacement, depth, 3.0, shift, KUHN_TETRAHEDRA, places, rank)
     covered = np.argwhere(rank > 0)
     points = (covered + shift) / 3.0
 
     def misses() -> np.ndarray:
-        places = original[rank > 0]
-        moved = [map_coordinates(displacement[..., d], places.T, order=1, mode="nearest")
+        found = original[rank > 0]
+        moved = [map_coordinates(displacement[..., d], found.T, order=1, mode="nearest")
                  for d in range(3)]  # fmt: skip
-        return np.linalg.norm(places + np.transpose(moved) - points, axis=1)
+        return np.linalg.norm(found + np.transpose(moved) - points, axis=1)
 
     before = misses()
-    refine_inverse(displacement, 3.0, shift, rank, original)
+    refine_inverse(displacement, 3.0, shift, rank, places)
     assert len(points) > 100
     assert before.max() > 0.02
     assert np.quantile(misses(), 0.95) < 1e-3
@@ -149,8 +152,8 @@ def test_places_before_are_the_points_and_their_shifts_back():
     origin, spacing = np.array([5.0, -7.0, 1.0]), np.array([3.0, 2.0, 1.5])
     points = (np.stack(np.indices(shape), axis=-1) + shift) / per_cell
     original, rank = rng.random((*shape, 3)), rng.integers(0, 3, shape).astype(np.int8)
-    back = np.zeros((3, *shape))
-    shifts_back(original, rank, per_cell, shift, back)
+    back = np.moveaxis(original, -1, 0).copy()
+    shifts_back(back, rank, per_cell, shift)
     expected = np.where((rank > 0)[..., None], original - points, 0.0)
     np.testing.assert_allclose(np.moveaxis(back, 0, -1), expected, atol=1e-14)
     found = np.empty((*shape, 3), np.float32)

@@ -28,13 +28,14 @@ MAX_DEPTH = 7
 def rasterise_inverse(displacement, depth, per_cell, shift, tetrahedra, original, rank):
     """Write the place at rest of every grid point that a deformed cell covers.
 
-    Places are in lattice units. There are `per_cell` grid points per lattice unit: grid point
-    [i, j, k] lies at ``([i, j, k] + shift) / per_cell``. `depth` is how deep a node lies in the
-    tissue, 1 at its surface and 0 in air, up to `MAX_DEPTH`; cells with at least one tissue node
-    take part. Where tetrahedra overlap, the one of the deepest cell wins, by the sum over its
-    nodes: a cell of skin that folds at a plate's edge may reach several cells deep. Of equals, one
-    that is not turned inside out wins, then the first. `rank` is twice that sum for the cell that
-    wrote a point, and 1 more if its tetrahedron is not inside out; 0 where none did.
+    Places, `original` [axis, x, y, z], are in lattice units. There are `per_cell` grid points per
+    lattice unit: grid point [i, j, k] lies at ``([i, j, k] + shift) / per_cell``. `depth` is how
+    deep a node lies in the tissue, 1 at its surface and 0 in air, up to `MAX_DEPTH`; cells with at
+    least one tissue node take part. Where tetrahedra overlap, the one of the deepest cell wins, by
+    the sum over its nodes: a cell of skin that folds at a plate's edge may reach several cells
+    deep. Of equals, one that is not turned inside out wins, then the first. `rank` is twice that
+    sum for the cell that wrote a point, and 1 more if its tetrahedron is not inside out; 0 where
+    none did.
     """
     nx, ny, nz = depth.shape
     corners = np.empty((8, 3))
@@ -91,7 +92,7 @@ def _fill_tetrahedron(corners, rest, tetrahedron, below, original, rank):
                 if min(zeroth, first, second, third) >= -_EDGE_SLACK:
                     rank[a, b, c] = own
                     for d in range(3):
-                        original[a, b, c, d] = (
+                        original[d, a, b, c] = (
                             zeroth * rest[p, d]
                             + first * rest[q, d]
                             + second * rest[r, d]
@@ -140,7 +141,7 @@ def refine_inverse(thread, displacement, per_cell, shift, rank, original):
                 wanted[1] = (j + shift[1]) / per_cell
                 wanted[2] = (k + shift[2]) / per_cell
                 for d in range(3):
-                    place[d] = original[i, j, k, d]
+                    place[d] = original[d, i, j, k]
                 least = np.inf
                 for _ in range(_NEWTON_STEPS):
                     _miss_and_gradient(displacement, place, wanted, miss, gradient)
@@ -149,7 +150,7 @@ def refine_inverse(thread, displacement, per_cell, shift, rank, original):
                         break
                     least = square
                     for d in range(3):
-                        original[i, j, k, d] = place[d]
+                        original[d, i, j, k] = place[d]
                     if square < _CLOSE_SQUARED or _invert(gradient, inverse) == 0.0:
                         break
                     for d in range(3):
@@ -189,15 +190,17 @@ def _miss_and_gradient(displacement, place, wanted, miss, gradient):
 
 
 @parallel_kernel
-def shifts_back(thread, original, rank, per_cell, shift, out):
-    """``out`` [axis, x, y, z]: from each covered grid point to its place at rest, lattice units."""
+def shifts_back(thread, original, rank, per_cell, shift):
+    """Turn places at rest [axis, x, y, z] into shifts from the grid's points; 0 if not covered."""
     for i in share(thread, 0, rank.shape[0]):
         for j in range(rank.shape[1]):
             for k in range(rank.shape[2]):
                 if rank[i, j, k] > 0:
-                    out[0, i, j, k] = original[i, j, k, 0] - (i + shift[0]) / per_cell
-                    out[1, i, j, k] = original[i, j, k, 1] - (j + shift[1]) / per_cell
-                    out[2, i, j, k] = original[i, j, k, 2] - (k + shift[2]) / per_cell
+                    original[0, i, j, k] -= (i + shift[0]) / per_cell
+                    original[1, i, j, k] -= (j + shift[1]) / per_cell
+                    original[2, i, j, k] -= (k + shift[2]) / per_cell
+                else:
+                    original[0, i, j, k] = original[1, i, j, k] = original[2, i, j, k] = 0.0
 
 
 @parallel_kernel

@@ -74,20 +74,18 @@ def invert(
     shift = np.floor(moved.min(axis=0)) - 2.0
     nx, ny, nz = (int(n) for n in np.ceil(moved.max(axis=0)) + 3.0 - shift)
     shape = (nx, ny, nz)
-    original = np.empty((*shape, 3))
+    original = np.empty((3, *shape))
     rank = np.zeros(shape, np.int8)
     depth = distance_transform_cdt(np.pad(tissue, 1))[1:-1, 1:-1, 1:-1]  # beyond the lattice is air
     depth = np.minimum(depth, MAX_DEPTH).astype(np.int8)
     rasterise_inverse(displacement, depth, float(per_cell), shift, KUHN_TETRAHEDRA, original, rank)
     if per_cell > 1:
         refine_inverse(displacement, float(per_cell), shift, rank, original)
-    shift_back = np.zeros((3, *shape))
-    shifts_back(original, rank, float(per_cell), shift, shift_back)
-    del original  # which is large
-    layer = continue_into_air(shift_back, rank > 0, per_cell * RIM_LAYERS)
+    shifts_back(original, rank, float(per_cell), shift)
+    layer = continue_into_air(original, rank > 0, per_cell * RIM_LAYERS)
     original_mm = np.empty((*shape, 3), np.float32)
     places_before(
-        shift_back, layer, float(per_cell), shift, frame.origin_mm, frame.spacing_mm, original_mm
+        original, layer, float(per_cell), shift, frame.origin_mm, frame.spacing_mm, original_mm
     )
     inverse_frame = VoxelFrame(
         frame.position_mm(shift / per_cell), frame.spacing_mm / per_cell, shape
