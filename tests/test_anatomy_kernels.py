@@ -17,6 +17,7 @@ from mammosim.phantom.anatomy import (
     _fill_kernels,
     _net_kernels,
     _noise_kernels,
+    _sample_kernels,
     _slope_kernels,
     _surface_kernels,
     _tissue_kernels,
@@ -82,6 +83,31 @@ def test_slopes_are_those_of_numpy_to_the_last_bit():
     _slope_kernels.slopes(value, 0.3, found)
     expected = np.sqrt(sum(part**2 for part in np.gradient(value, 0.3)))
     np.testing.assert_array_equal(found, expected)
+
+
+def test_the_threshold_is_sampled_at_voxels():
+    """With one voxel a block, each sample is that voxel."""
+    settings = GenerateSettings(voxel_mm=2.0, volume_ml=120.0, density="c")
+    anatomy = generate._anatomy(settings, 5)
+    lattice = body.lattice_of(anatomy.body, settings.voxel_mm)
+    texture, paint = generate._texture(anatomy, 5), body.paint_of(anatomy.body)
+    labels = np.zeros([axis.size for axis in lattice[:3]], np.uint8)
+    shape = (*(side - 1 for side in texture.fields.shape[:3]), _sample_kernels.SAMPLES)
+    potential, state = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
+    middle = np.searchsorted(lattice.x_start, labels.shape[0] // 2, side="right") - 1
+    layer = np.arange(middle, middle + 1)  # enough, and quick as plain Python too
+    _sample_kernels.sample_potential(layer, labels, lattice, texture, paint, potential, state)
+    undecided = np.argwhere(state[middle, ..., 0] == _sample_kernels.UNDECIDED)
+    assert len(undecided) > 200
+    for j, k in np.random.default_rng(1).permutation(undecided)[:20]:
+        block = (middle, j, k)
+        voxel = [start[n] for start, n in zip(lattice[-3:], block, strict=True)]
+        point = np.array([axis[n] for axis, n in zip(lattice[:3], voxel, strict=True)])
+        grain = naive.grain(texture, lattice.coarse_origin_mm, 2.0, point)
+        wanted = naive.gland_potential(texture, lattice.coarse_origin_mm, 2.0, point) + grain
+        if texture.gland_cap + grain <= 0.0:
+            wanted = -1e9
+        np.testing.assert_allclose(potential[block], wanted, rtol=1e-5, atol=1e-5)
 
 
 def test_noise_is_zero_at_lattice_points_and_of_unit_variance():
