@@ -71,8 +71,8 @@ clinical CC and 2.26 to 3.27 on MLO, falls by 0.5 over it."""
 
 FINE_EXCHANGE = 0.8
 """Fine gain falls with this power of what sharpness raises the finest detail by (1 + sharpness), so
-that grain differs by a factor of 1.6 between units; in the middle greys it does by 1.8 over the
-images of three women from two manufacturers."""
+that grain differs by a factor of 1.6 between units (by these constants; not measured). In the
+middle greys it differs by 1.8 over the images of three women from two manufacturers."""
 
 NOISE_SIGMAS_MM = (0.060, 0.050)
 """Range of the smoothing of the finest noise, from the weakest processing to the strongest."""
@@ -96,9 +96,10 @@ below the skin line is 0.05 to 0.31 of the range above the darkest (twelve CC)."
 
 FAMILIES = 0.6
 """Both parameters of the beta distribution of how strongly a unit processes: most lie near one of
-two ends, for there are few families of processing. The clinical MLO with the greyest muscle (0.41)
-has the flattest spectrum of fine detail (exponent 2.3), the finest grain and the wider skin line,
-those with white muscle (0.79, 0.81) a steep one (3.2, 3.3). The number is chosen."""
+two ends, for there are few families of processing. Assumed from three clinical MLO of two women:
+that with the greyest muscle (0.41) has the flattest spectrum of fine detail (exponent 2.3), by eye
+the finest grain, and the wider skin line; those with white muscle (0.79, 0.81) have a steep one
+(3.2, 3.3). The number is chosen, so that women's images differ about as clinical ones do."""
 
 IN_COMMON = 0.8
 """Part of a unit's place in the ranges of sharpness, noise, skin line and white that is common to
