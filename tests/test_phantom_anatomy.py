@@ -31,7 +31,7 @@ from mammosim.phantom.anatomy.axilla import along_mm, draw_axilla
 from mammosim.phantom.anatomy.body import draw_body
 from mammosim.phantom.anatomy.fold import draw_fold
 from mammosim.phantom.anatomy.muscle import draw_muscle, fit_volume
-from mammosim.phantom.anatomy.outline import Outline, coarse_frame, mesh, near_depth, skin_depth
+from mammosim.phantom.anatomy.outline import Outline, coarse_frame, mesh, skin_depth, surfaces_of
 from mammosim.phantom.anatomy.parenchyma import draw_parenchyma
 from mammosim.phantom.anatomy.shape import draw_shape, like
 from mammosim.phantom.open_end import abdominal_counts
@@ -614,13 +614,14 @@ def test_skin_depth_is_a_distance():
     shape = draw_shape(600.0, rng)
     outline = Outline(shape, draw_axilla(shape, rng), draw_fold(shape, rng))
     frame = coarse_frame(outline)
-    depth = skin_depth(outline, frame)
+    surfaces = surfaces_of(outline, frame)
+    depth = skin_depth(surfaces)
     gradient = np.gradient(depth, 2.0)
     slope = np.sqrt(sum(part**2 for part in gradient))
     near = (depth > -2.0) & (depth < 2.0) & (mesh(frame)[0] > 2.0)
     # First order: within 3 % of unit slope near the skin on average, where skin is drawn.
     assert slope[near].mean() == pytest.approx(1.0, abs=0.03)
-    assert ((depth > 0) == (near_depth(outline, frame) > 0)).all()
+    assert ((depth > 0) == (surfaces.joined_mm > 0)).all()
 
 
 def test_fit_volume_scales_shape_not_its_proportions():

@@ -27,6 +27,7 @@ from mammosim.phantom.anatomy.outline import (
     depth_of_breast,
     held_depth,
     skin_depth,
+    surfaces_of,
 )
 from mammosim.phantom.anatomy.settings import GenerateSettings
 from mammosim.phantom.anatomy.shape import TYPICAL_ML, draw_shape, like
@@ -50,13 +51,15 @@ class Body:
     """A breast from outside: depths are on the grid of `frame`, positive inside, mm.
 
     `own_mm` is the depth in the breast itself, without the abdominal wall below its fold;
-    `behind_mm` that behind the muscle's front, in muscle or the fat beside it.
+    `held_mm` that near the skin in views without the axilla; `behind_mm` that behind the muscle's
+    front, in muscle or the fat beside it.
     """
 
     outline: Outline
     frame: VoxelFrame
     depth_mm: NDArray[np.float64]
     own_mm: NDArray[np.float64]
+    held_mm: NDArray[np.float32]
     behind_mm: NDArray[np.float64]
     muscle_mm: NDArray[np.float64]
     muscle: Muscle
@@ -115,12 +118,14 @@ def draw_body(settings: GenerateSettings, seed: int, laterality: str) -> Body:
     fold = draw_fold(shape, shared)
     outline = fit_volume(Outline(shape, axilla, fold), muscle, volume_ml)
     frame = coarse_frame(outline)
-    depth = skin_depth(outline, frame)
+    surfaces = surfaces_of(outline, frame)
+    depth = skin_depth(surfaces)
     return Body(
         outline,
         frame,
         depth,
-        depth_of_breast(outline, depth, frame),
+        depth_of_breast(surfaces, depth),
+        held_depth(outline, surfaces, frame).astype(np.float32),
         front_depth(muscle, outline, frame),
         muscle_depth(muscle, outline, frame),
         muscle,
@@ -246,7 +251,7 @@ def open_end_of(body: Body, laterality: str, skin_mm: float) -> OpenEnd:
     angle = np.deg2rad(CUT_DEG)
     out = np.array([0.0, side * np.cos(angle), np.sin(angle)])
     frame, outline = body.frame, body.outline
-    depth = held_depth(outline, frame).astype(np.float32)
+    depth = body.held_mm
     origin = frame.origin_mm.copy()
     if laterality == "R":
         depth = np.ascontiguousarray(depth[:, ::-1])

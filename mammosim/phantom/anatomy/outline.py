@@ -56,6 +56,29 @@ class Outline:
         return replace(self, shape=self.shape.scaled(factor), axilla=axilla, fold=fold)
 
 
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """Depths below surfaces on a grid, to first order near each, mm; positive inside everywhere.
+
+    Parameters
+    ----------
+    breast_mm, with_axilla_mm, joined_mm : ndarray, [x, lateral, superior]
+        Of the breast by itself, joined with the axilla, and with the abdominal wall too.
+    """
+
+    breast_mm: NDArray[np.float64]
+    with_axilla_mm: NDArray[np.float64]
+    joined_mm: NDArray[np.float64]
+
+
+def surfaces_of(outline: Outline, frame: VoxelFrame) -> Surfaces:
+    """Surfaces of an outline on the grid of `GRID_MM`."""
+    points = mesh(frame)
+    breast = _breast(outline, points, GRID_MM)
+    with_axilla = _with_axilla(breast, outline, points, GRID_MM)
+    return Surfaces(breast, with_axilla, _with_mound(with_axilla, outline, points, GRID_MM))
+
+
 def coarse_frame(outline: Outline) -> VoxelFrame:
     """Grid of `GRID_MM` around breast and axilla up to its cut, generator coordinates."""
     shape, axilla = outline.shape, outline.axilla
@@ -82,13 +105,13 @@ def mesh(frame: VoxelFrame) -> Points:
     return along, across, up
 
 
-def skin_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
+def skin_depth(surfaces: Surfaces) -> NDArray[np.float64]:
     """Distance below the skin's outer face, mm, negative outside; nipple left out.
 
     Near the skin it is exact to first order; deeper, it is the distance to the nearest grid point
     outside corrected by that point's own distance. Beyond the cut the body goes on.
     """
-    value = near_depth(outline, frame)
+    value = surfaces.joined_mm
     near = _of_unit_slope(value)
     far, nearest = ndimage.distance_transform_edt(value > 0, sampling=GRID_MM, return_indices=True)
     far = far + np.clip(near[tuple(nearest)], -2.0 * GRID_MM, 0.0)
@@ -97,16 +120,15 @@ def skin_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
     return np.clip(blended, -4.0 * GRID_MM, None)
 
 
-def held_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
+def held_depth(outline: Outline, surfaces: Surfaces, frame: VoxelFrame) -> NDArray[np.float64]:
     """Depth below the skin near it in views without the axilla, mm.
 
     There the breast ends in its own surface, which oblique views lose in that of the axilla. Where
     neither differs it is large, so that nothing is done there.
     """
-    points = mesh(frame)
-    near = near_depth(outline, frame)
-    breast = _to_first_order(level(outline.shape, points), GRID_MM)
-    way = along_mm(points[1], points[2]) / outline.shape.radius_mm
+    _, lateral, superior = mesh(frame)
+    near, breast = surfaces.joined_mm, surfaces.breast_mm
+    way = along_mm(lateral, superior) / outline.shape.radius_mm
     upper = smooth_step((way - HELD_FROM) / HELD_OVER)
     # Below, skin is moved only where the abdominal wall is left out.
     lower = np.where(near - breast > UNMOVED_MM, smooth_step(-way / HELD_OVER), 0.0)
@@ -115,13 +137,10 @@ def held_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
     return held
 
 
-def depth_of_breast(
-    outline: Outline, skin_depth_mm: NDArray[np.float64], frame: VoxelFrame
-) -> NDArray[np.float64]:
+def depth_of_breast(surfaces: Surfaces, skin_depth_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Depth below the skin, mm, or below the surface that the breast has without abdominal wall."""
-    points = mesh(frame)
-    breast = _breast_and_axilla(outline, points, GRID_MM)
-    below = _with_mound(breast, outline, points, GRID_MM) - breast > UNMOVED_MM
+    breast = surfaces.with_axilla_mm
+    below = surfaces.joined_mm - breast > UNMOVED_MM
     depth: NDArray[np.float64] = np.where(below, np.minimum(skin_depth_mm, breast), skin_depth_mm)
     return depth
 
@@ -129,11 +148,6 @@ def depth_of_breast(
 def breast_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
     """Depth near the skin of a breast without abdominal wall, mm; positive inside everywhere."""
     return _breast_and_axilla(outline, mesh(frame), GRID_MM)
-
-
-def near_depth(outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
-    """Depth below the skin near it, mm; positive inside everywhere."""
-    return _joined(outline, mesh(frame), GRID_MM)
 
 
 def _joined(outline: Outline, points_mm: Points, step_mm: float) -> NDArray[np.float64]:
@@ -151,7 +165,16 @@ def _with_mound(
 
 def _breast_and_axilla(outline: Outline, points_mm: Points, step_mm: float) -> NDArray[np.float64]:
     """Smooth union of breast and ridge: depth to first order near the skin, mm."""
-    breast = _to_first_order(_in_halves(partial(level, outline.shape), points_mm), step_mm)
+    return _with_axilla(_breast(outline, points_mm, step_mm), outline, points_mm, step_mm)
+
+
+def _breast(outline: Outline, points_mm: Points, step_mm: float) -> NDArray[np.float64]:
+    return _to_first_order(_in_halves(partial(level, outline.shape), points_mm), step_mm)
+
+
+def _with_axilla(
+    breast: NDArray[np.float64], outline: Outline, points_mm: Points, step_mm: float
+) -> NDArray[np.float64]:
     ridge = _to_first_order(ridge_level(outline.axilla, outline.shape, points_mm), step_mm)
     return _with_hollow(breast, ridge, min(FILLET_MM, FILLET * outline.shape.radius_mm))
 
