@@ -100,7 +100,7 @@ def draw_shape(volume_ml: float, rng: np.random.Generator) -> Shape:
     ptosis = float(np.clip(0.45 + 0.18 * larger + 0.28 * rng.standard_normal(), 0.0, 1.2))
     ripple = 0.02 * rng.standard_normal(4).clip(-2.0, 2.0)
     return Shape(
-        depth_mm=radius * float(np.clip(rng.normal(1.24 + 0.08 * larger, 0.11), 0.98, 1.60)),
+        depth_mm=radius * float(np.clip(rng.normal(1.31 + 0.08 * larger, 0.11), 1.05, 1.67)),
         radius_mm=radius,
         lateral=rng.uniform(1.00, 1.20),
         medial=rng.uniform(0.88, 1.02),
