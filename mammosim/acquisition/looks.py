@@ -62,16 +62,16 @@ what is seen on clinical images, of no manufacturer in particular."""
 DRAWN = "drawn"
 """Name of the look that each seed draws for itself."""
 
-WIDE_GAINS, FINE_GAINS = (1.35, 1.55), (1.8, 2.6)
+WIDE_GAINS, FINE_GAINS = (1.35, 1.55), (2.05, 2.95)
 """Range of a unit's gains; that of fine detail at the sharpness of `USUAL_SHARPNESS`."""
 
 SHARPNESS, USUAL_SHARPNESS = (0.65, 2.0), 0.9
 """Range of a unit's sharpness. The spectral exponent from 0.7 to 2 per mm, which is 2.45 to 3.20 on
 clinical CC and 2.26 to 3.27 on MLO, falls by 0.5 over it."""
 
-FINE_EXCHANGE = 0.8
+FINE_EXCHANGE = 0.6
 """Fine gain falls with this power of what sharpness raises the finest detail by (1 + sharpness), so
-that grain differs by a factor of 1.6 between units (by these constants; not measured). In the
+that grain differs by a factor of 1.8 between units (by these constants; not measured). In the
 middle greys it differs by 1.8 over the images of three women from two manufacturers."""
 
 NOISE_SIGMAS_MM = (0.060, 0.050)
@@ -82,15 +82,15 @@ SKIN_RISES = (0.8, 1.3)
 CC, 0.93 mm on average (twelve images), and is brightest 0.7 to 1.25 mm below the edge (six). With
 more than this the line is brightest beyond that, and a dim band."""
 
-WHITES = (0.92, 0.64)
+WHITES = (0.92, 0.74)
 """Range of the grey that muscle nears, from the weakest processing to the strongest: on clinical
 images muscle is at 0.34 to 0.81 (five)."""
 
-FAT_GREYS, GLAND_GREYS = (0.085, 0.110), (0.58, 0.70)
+FAT_GREYS, GLAND_GREYS = (0.078, 0.100), (0.58, 0.70)
 """Ranges of the grey of fat and of gland, which are the unit's window. Chosen within what is seen
 on clinical images (see `FAT_GREY`)."""
 
-LIFTS = (0.45, 0.8)
+LIFTS = (0.6, 0.85)
 """Range of how far a unit's equalization overcompensates the margin: on clinical images grey 5 mm
 below the skin line is 0.05 to 0.31 of the range above the darkest (twelve CC)."""
 

@@ -39,7 +39,7 @@ OWN_PART, OWN_MM = 0.5, 50.0
 the ridge's height: it varies less than the breast does. It is no thicker than fits under the ridge,
 so that its front stays straight up to the open end. Chosen."""
 
-SHEET_MM, SHEET_RANGE_MM = (44.0, 0.25), (32.0, 64.0)
+SHEET_MM, SHEET_RANGE_MM = (50.0, 0.25), (36.0, 70.0)
 """Median thickness of the sheet at the open end, mm, spread of its logarithm, and bounds. The sheet
 is gathered there, and pressed to about half: one to three centimetres along the beam. On the chest
 the muscle is about 1 cm thick (assumed); in the front fold of the axilla its lower part turns
@@ -148,7 +148,7 @@ def draw_muscle(rng: np.random.Generator) -> Muscle:
     thickness, fat = REST * thickness - AGEING * age, REST * fat + AGEING * age
     return Muscle(
         wedge=rng.uniform(0.88, 0.98),
-        start_mm=rng.uniform(-92.0, -62.0),
+        start_mm=rng.uniform(-100.0, -70.0),
         bulge=rng.uniform(0.85, 1.05),
         medial_mm=rng.uniform(3.0, 4.5),
         lateral_mm=rng.uniform(0.3, 0.9),
