@@ -7,7 +7,6 @@ cosines, so that a viewer shows each volume where it is in the patient.
 
 from __future__ import annotations
 
-import gzip
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 import SimpleITK as sitk
+from isal.igzip import IGzipFile
 from numpy.typing import NDArray
 
 from mammosim.acquisition import DoseMap
@@ -40,7 +40,8 @@ _NIFTI_SIZES = 42
 """Where a NIfTI-1 header keeps the sizes along x, y and z, `dim[1..3]`, as 16-bit numbers."""
 
 GZIP_LEVEL = 1
-"""Of NIfTI files. Labels of 28 MB take 0.12 s and 3.1 MB with it, 0.57 s and 2.4 MB with 6."""
+"""Of NIfTI files, ISA-L's. Labels of 200 MB take 0.23 s and 10.8 MB with it, 0.87 s and 12.0 MB
+with zlib's own level 1."""
 
 
 def write_labels(
@@ -325,14 +326,14 @@ def _write_nifti(
 
 
 @contextmanager
-def _opened(part: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
+def _opened(part: Path) -> Iterator[BinaryIO | IGzipFile]:
     """A file to write to, compressed where its name says so."""
     with part.open("wb") as file:
         if part.suffix != ".gz":
             yield file
             return
         # Without name and time: the same content gives the same bytes.
-        with gzip.GzipFile("", "wb", GZIP_LEVEL, file, mtime=0) as stream:
+        with IGzipFile("", "wb", GZIP_LEVEL, file, mtime=0) as stream:
             yield stream
 
 
