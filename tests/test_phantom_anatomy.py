@@ -30,7 +30,7 @@ from mammosim.phantom.anatomy import (
 from mammosim.phantom.anatomy.axilla import along_mm, draw_axilla
 from mammosim.phantom.anatomy.body import draw_body
 from mammosim.phantom.anatomy.fold import draw_fold
-from mammosim.phantom.anatomy.muscle import draw_muscle, fit_volume
+from mammosim.phantom.anatomy.muscle import SHEET_MM, draw_muscle, fit_volume
 from mammosim.phantom.anatomy.outline import Outline, coarse_frame, mesh, skin_depth, surfaces_of
 from mammosim.phantom.anatomy.parenchyma import draw_parenchyma
 from mammosim.phantom.anatomy.shape import draw_shape, like
@@ -638,7 +638,7 @@ def test_muscles_differ_between_women_and_thin_downwards():
     """The sheet is thickest towards the axilla; thin ones hold more fat, as age has both."""
     muscles = [draw_muscle(np.random.default_rng(seed)) for seed in range(300)]
     sheet, fat = (np.array([getattr(m, name) for m in muscles]) for name in ("sheet_mm", "fat"))
-    assert 34.0 < np.median(sheet) < 42.0
+    assert np.median(sheet) == pytest.approx(SHEET_MM[0], rel=0.1)
     assert 7.0 < np.std(sheet) < 12.0
     assert 0.03 <= fat.min() < 0.04 < 0.11 < fat.max() <= 0.12
     assert -0.7 < np.corrcoef(sheet, fat)[0, 1] < -0.3
