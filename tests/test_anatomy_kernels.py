@@ -22,6 +22,7 @@ from mammosim.phantom.anatomy import (
     _surface_kernels,
     _tissue_kernels,
     _tube_kernels,
+    _wall_kernels,
     body,
     foam,
     generate,
@@ -158,7 +159,7 @@ def test_gathered_cells_give_the_walls_of_all_cells(net):
         for _ in range(5):
             place = centre + rng.uniform(-1.0, 1.0, 3)
             cells = (place - drawn.origin_mm) / 10.0
-            gap, inside = _net_kernels.wall_distance(
+            gap, inside = _wall_kernels.wall_distance(
                 near.place, near.pair, near.block, near.holding[0], found, *cells, 1.1
             )
             gaps, fatness = naive.wall(drawn, place, slope)
@@ -170,7 +171,7 @@ def filled(near, count, at, thick_mm, voxel_mm, border_mm):
     """Part of a voxel at a place of the lattice that the walls of gathered cells fill."""
     cells = np.arange(count)
     inside, least, _, _ = _net_kernels.three_nearest(near.place, cells, count, *at)
-    return _net_kernels.wall_fill(
+    return _wall_kernels.wall_fill(
         near.place, near.pair, cells, count, inside, least, at, thick_mm, voxel_mm, border_mm
     )
 

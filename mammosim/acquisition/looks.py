@@ -53,7 +53,7 @@ SHARP_MM = 0.2
 
 SHARP_LIMIT = 0.03
 """Details (ln) well below this are raised in full, those above not at all. Up to a sharpness of 2.2
-more stays more."""
+the stronger of two details stays the stronger one."""
 
 LOOKS = {"crisp": Look((1.35, 1.9), 0.055, 0.7), "soft": Look((1.1, 1.35), 0.06, 0.2)}
 """Scanners differ in how far they enhance local contrast and suppress noise; these are two ends of
@@ -96,14 +96,14 @@ below the skin line is 0.05 to 0.31 of the range above the darkest (twelve CC)."
 
 FAMILIES = 0.6
 """Both parameters of the beta distribution of how strongly a unit processes: most lie near one of
-two ends, for there are few families of processing. Assumed from three clinical MLO of two women:
+two ends, since there are few families of processing. Assumed from three clinical MLO of two women:
 that with the greyest muscle (0.41) has the flattest spectrum of fine detail (exponent 2.3), by eye
 the finest grain, and the wider skin line; those with white muscle (0.79, 0.81) have a steep one
 (3.2, 3.3). The number is chosen, so that women's images differ about as clinical ones do."""
 
 IN_COMMON = 0.8
 """Part of a unit's place in the ranges of sharpness, noise, skin line and white that is common to
-all four, for processing by scales compresses what is wide and raises what is fine together; the
+all four, since processing by scales compresses what is wide and raises what is fine at once; the
 rest is each one's own. Chosen."""
 
 

@@ -21,16 +21,18 @@ from mammosim.phantom.anatomy._block_kernels import (
 )
 from mammosim.phantom.anatomy._grain_kernels import MOST_UNEVEN
 from mammosim.phantom.anatomy._net_kernels import (
-    ROUNDING_REACH,
     Near,
     Net,
-    border_reach,
     gather,
-    wall_distance,
-    wall_reach,
     walls_between,
 )
 from mammosim.phantom.anatomy._noise_kernels import add_noise
+from mammosim.phantom.anatomy._wall_kernels import (
+    ROUNDING_REACH,
+    border_reach,
+    wall_distance,
+    wall_reach,
+)
 
 MUSCLE_FAT = 0.11
 """Mean thickness of the fat between bundles of muscle, mm. Chosen."""

@@ -43,15 +43,7 @@ from mammosim.phantom.anatomy._grain_kernels import (
     muscle_grain_at,
     wall_unevenness,
 )
-from mammosim.phantom.anatomy._net_kernels import (
-    border_reach,
-    fillet_span,
-    free_of_fillets,
-    three_nearest,
-    wall_fill,
-    wall_reach,
-    walls_between,
-)
+from mammosim.phantom.anatomy._net_kernels import three_nearest, walls_between
 from mammosim.phantom.anatomy._noise_kernels import lattice_hash
 from mammosim.phantom.anatomy._parenchyma_kernels import (
     BORDER_MM,
@@ -60,6 +52,13 @@ from mammosim.phantom.anatomy._parenchyma_kernels import (
     gather_walls,
 )
 from mammosim.phantom.anatomy._surface_kernels import dither, in_nipple, in_root
+from mammosim.phantom.anatomy._wall_kernels import (
+    border_reach,
+    fillet_span,
+    free_of_fillets,
+    wall_fill,
+    wall_reach,
+)
 
 APPROACH = 1.3
 """A step along a row comes nearer to a wall by no more than this many times its length: above 1

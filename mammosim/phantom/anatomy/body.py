@@ -16,8 +16,7 @@ from mammosim.phantom.anatomy.muscle import (
     Muscle,
     draw_muscle,
     fit_volume,
-    front_depth,
-    muscle_depth,
+    muscle_depths,
 )
 from mammosim.phantom.anatomy.nipple import Areola, Nipple, draw_areola, draw_nipple, varied
 from mammosim.phantom.anatomy.outline import (
@@ -126,8 +125,7 @@ def draw_body(settings: GenerateSettings, seed: int, laterality: str) -> Body:
         depth,
         depth_of_breast(surfaces, depth),
         held_depth(outline, surfaces, frame).astype(np.float32),
-        front_depth(muscle, outline, frame),
-        muscle_depth(muscle, outline, frame),
+        *muscle_depths(muscle, outline, frame),
         muscle,
         settings.skin_mm or skin,
         nipple,

@@ -1,7 +1,7 @@
 """The pectoral muscle: a sheet that stands off the chest wall towards the axilla, on a slab.
 
 The oblique view is taken along the sheet's face: between the plates it is the triangle that starts
-at the upper chest-wall corner and ends at about the nipple's level, one to three centimetres of
+at the upper chest-wall corner and ends at about the nipple's level, two to three centimetres of
 muscle with fat on both sides. The slab, which thickens medially, is the curve of the chest, by
 which a reader tells left from right.
 """
@@ -41,7 +41,7 @@ so that its front stays straight up to the open end. Chosen."""
 
 SHEET_MM, SHEET_RANGE_MM = (50.0, 0.25), (36.0, 70.0)
 """Median thickness of the sheet at the open end, mm, spread of its logarithm, and bounds. The sheet
-is gathered there, and pressed to about half: one to three centimetres along the beam. On the chest
+is gathered there, and pressed to about half: two to three centimetres along the beam. On the chest
 the muscle is about 1 cm thick (assumed); in the front fold of the axilla its lower part turns
 behind its upper one, and the smaller pectoral muscle lies behind both. Chosen so that muscle is as
 bright as on clinical images."""
@@ -162,25 +162,24 @@ def draw_muscle(rng: np.random.Generator) -> Muscle:
     )
 
 
-def front_depth(muscle: Muscle, outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
-    """Depth along x behind the muscle's front as an oblique view shows it, mm, at any distance
-    across from the sheet: muscle or the fat beside it."""
-    wedge, _, slab = _profile(muscle, outline, frame)
-    front: NDArray[np.float64] = np.hypot(wedge, slab)
-    return front - mesh(frame)[0]
+def muscle_depths(
+    muscle: Muscle, outline: Outline, frame: VoxelFrame
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Depth behind the muscle's front and depth below its surface, mm, positive inside.
 
-
-def muscle_depth(muscle: Muscle, outline: Outline, frame: VoxelFrame) -> NDArray[np.float64]:
-    """Depth below the muscle's surface, mm, positive inside it."""
+    The front is the one that an oblique view shows; behind it, at any distance across from the
+    sheet, there is muscle or the fat beside it. Its depth is along x.
+    """
     x, lateral, superior = mesh(frame)
     wedge, rise, slab = _profile(muscle, outline, frame)
+    front: NDArray[np.float64] = np.hypot(wedge, slab)
     across = np.abs(across_mm(lateral, superior) - outline.axilla.offset_mm - muscle.aside_mm)
     behind = wedge - x
     half = 0.5 * muscle.sheet_mm * (muscle.low + (1.0 - muscle.low) * rise.clip(0.0, 1.0))
     part = np.clip(behind / muscle.nose_mm, 0.0, 1.0)
     within = half * np.sqrt(part * (2.0 - part)) + 0.5 * muscle.widening * behind.clip(0.0)
     depth: NDArray[np.float64] = np.maximum(np.minimum(behind, within - across), slab - x)
-    return depth
+    return front - x, depth
 
 
 def _profile(
@@ -220,7 +219,7 @@ def fit_volume(outline: Outline, muscle: Muscle, volume_ml: float) -> Outline:
         depth = breast_depth(outline, frame)
         x, lateral, superior = mesh(frame)
         tissue = (depth > 0) & (along_mm(lateral, superior) < outline.axilla.cut_mm)
-        muscled = (muscle_depth(muscle, outline, frame) > 0) & (depth > COVER_MM)
+        muscled = (muscle_depths(muscle, outline, frame)[1] > 0) & (depth > COVER_MM)
         # Points on the chest-wall plane stand for half as much.
         weight = np.where(x == 0, 0.5, 1.0) * (x >= 0) * np.where(muscled, muscle.fat, 1.0)
         found_ml = float((weight * tissue).sum()) * GRID_MM**3 / 1000.0
