@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
@@ -9,6 +11,17 @@ import pytest
 from mammosim.phantom import BreastPhantom, generate_phantom
 
 _made: dict[str, BreastPhantom] = {}
+
+
+@pytest.fixture(autouse=True, scope="session")
+def sigint_interrupts() -> Iterator[None]:
+    """Give SIGINT the handler that Python gives it at a terminal, here and in tests' processes.
+
+    A shell ignores SIGINT in what it starts in the background, and Python leaves it so.
+    """
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture
