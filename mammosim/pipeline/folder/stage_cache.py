@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from isal import isal_zlib
 from numpy.typing import NDArray
 
 from mammosim._version import VERSION
@@ -36,6 +37,10 @@ PHANTOM_ROOMS = ("config", "geometry", "phantom", "tissues")
 COMPRESSION_ROOMS = (*PHANTOM_ROOMS, "compression")
 PACKAGES = ("numpy", "numba", "scipy")
 """Rooms whose source, and distributions whose version, decide a stage's result."""
+
+COMPRESSION_LEVEL = 1
+"""Of kept stages, ISA-L's. Labels of 213 million voxels take 0.29 s and 14.8 MB with it, 0.85 s and
+16.4 MB with zlib's own level 1."""
 
 HandOver = Callable[..., Any]
 """Called with a function that writes and what it is called with, then or later."""
@@ -197,10 +202,14 @@ def _save(folder: Path, name: str, key: str, record: Any) -> None:
 
 
 def _write_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
-    """Write what `np.savez_compressed` would, at the level that is quickest."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+    """Write what `np.savez_compressed` would, compressed by ISA-L, in a third of the time."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, values in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                # Python's archives take no other compressor than zlib's; ISA-L's is called alike.
+                stream._compressor = isal_zlib.compressobj(  # type: ignore[attr-defined]
+                    COMPRESSION_LEVEL, wbits=-isal_zlib.MAX_WBITS
+                )
                 np.lib.format.write_array(stream, values, allow_pickle=False)
 
 
