@@ -260,8 +260,13 @@ def test_the_nipple_stands_out():
     nipple = low.frame.position_mm(np.argwhere(low.labels == LABEL["nipple"]))
     # Its very foot is 3 mm wider all around, and it is uneven by 1.1 mm.
     assert 10.0 < np.ptp(nipple[:, 1]) < 10.0 + 2 * (3.0 + 1.1) + 0.5
-    # It leans by up to half its height.
-    np.testing.assert_allclose(nipple[:, 1:].mean(axis=0), 0.0, atol=1.5)
+    # It stands on the axis, and leans from there as the skin faces: here down.
+    shape = draw_body(GenerateSettings(volume_ml=150.0), 3, "L").outline.shape
+    foot = nipple[np.abs(nipple[:, 0] - shape.depth_mm) < 1.0]
+    np.testing.assert_allclose(foot[:, 1:].mean(axis=0), 0.0, atol=1.5)
+    assert shape.facing[1] < 0.0
+    top = high.frame.position_mm(np.argwhere(high.labels == LABEL["nipple"]))
+    assert top[top[:, 0] > shape.depth_mm + 6.0, 2].mean() < foot[:, 2].mean() - 1.0
     np.testing.assert_allclose(low.nipple_mm[1:], 0.0, atol=3.0)
     assert high.nipple_mm[0] - low.nipple_mm[0] == pytest.approx(4.0, abs=0.8)
 

@@ -9,7 +9,7 @@ from mammosim._jit import borrowing_kernel, merged_kernel
 from mammosim.phantom.anatomy._block_kernels import SKIN_DEPTH, Paint
 from mammosim.phantom.anatomy._noise_kernels import MOST_NOISE, gradient_noise
 
-FLARE_MM, FLARE_HEIGHT_MM = 1.0, 0.6
+FLARE_MM, FLARE_HEIGHT_MM = 2.2, 1.0
 """How much wider a nipple is at its foot, where it merges into the areola, and the height over
 which that is lost, mm. Chosen by eye."""
 
@@ -111,4 +111,4 @@ def in_root(x: float, y: float, z: float, below: float, nipple: NDArray[np.float
 def areola(paint: Paint, y: float, z: float) -> float:
     """Extra thickness of the skin at the areola, mm."""
     near = (y * y + z * z) / (paint.areola_mm[1] * paint.areola_mm[1])
-    return paint.areola_mm[0] * np.exp(-near * near)
+    return paint.areola_mm[0] * np.exp(-near)

@@ -227,7 +227,7 @@ def _fill_block(
                 # Twice a voxel below the areola there is at most the nipple's root.
                 if shallow and (depth < skin + areola + 2.0 * voxel or y * y + z * z <= near_axis):
                     ring = (y * y + z * z) / (areola_mm * areola_mm)
-                    thick = skin + areola * np.exp(-ring * ring)
+                    thick = skin + areola * np.exp(-ring)
                     smooth = depth
                     # Not at the chest wall, where no voxel behind would hold one that stands out.
                     if i > 0 and (abs(depth) < voxel or abs(depth - thick) < voxel):

@@ -78,13 +78,13 @@ def draw_axilla(shape: Shape, rng: np.random.Generator) -> Axilla:
     """A ridge that suits a breast: as high for its depth, and about as wide as the body has it."""
     radius = sized_mm(shape)
     start = 0.5 * shape.base_superior_mm
-    height = max(shape.depth_mm * rng.uniform(*HEIGHT), LEAST_MM)
+    height = max(shape.front_mm * rng.uniform(*HEIGHT), LEAST_MM)
     return Axilla(
-        height_mm=min(height, HEIGHT[1] * shape.depth_mm),
+        height_mm=min(height, HEIGHT[1] * shape.front_mm),
         half_width_mm=radius * rng.uniform(0.72, 0.90),
         offset_mm=start + radius * rng.uniform(-0.05, 0.1),
         cut_mm=radius * rng.uniform(1.50, 1.80) + start,
-        root_mm=shape.depth_mm * rng.uniform(*ROOT),
+        root_mm=shape.front_mm * rng.uniform(*ROOT),
     )
 
 

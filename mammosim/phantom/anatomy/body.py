@@ -25,6 +25,7 @@ from mammosim.phantom.anatomy.outline import (
     coarse_frame,
     depth_of_breast,
     held_depth,
+    mesh,
     skin_depth,
     surfaces_of,
 )
@@ -118,13 +119,14 @@ def draw_body(settings: GenerateSettings, seed: int, laterality: str) -> Body:
     outline = fit_volume(Outline(shape, axilla, fold), muscle, volume_ml)
     frame = coarse_frame(outline)
     surfaces = surfaces_of(outline, frame)
-    depth = skin_depth(surfaces)
+    bulge = areola.bulge_mm(*mesh(frame)[1:])
+    depth = skin_depth(surfaces) + bulge
     return Body(
         outline,
         frame,
         depth,
         depth_of_breast(surfaces, depth),
-        held_depth(outline, surfaces, frame).astype(np.float32),
+        (held_depth(outline, surfaces, frame) + bulge).astype(np.float32),
         *muscle_depths(muscle, outline, frame),
         muscle,
         settings.skin_mm or skin,
@@ -136,7 +138,9 @@ def draw_body(settings: GenerateSettings, seed: int, laterality: str) -> Body:
 def lattice_of(body: Body, voxel_mm: float) -> Lattice:
     """Voxel centres from the chest wall to a voxel or two of air around breast and nipple."""
     origin = body.frame.origin_mm
-    front = body.outline.shape.depth_mm + max(body.nipple.height_mm, 0.0) + 2.0 * voxel_mm
+    shape = body.outline.shape
+    front = max(shape.front_mm, shape.depth_mm + body.nipple.height_mm)
+    front += body.areola.raised_mm + 2.0 * voxel_mm
     (low_lateral, high_lateral), (low_superior, high_superior) = _sides_mm(body)
     low = np.array([0.0, low_lateral, low_superior])
     high = np.array([front, high_lateral, high_superior])
@@ -201,10 +205,10 @@ def paint_of(body: Body) -> Paint:
         "adipose", "skin", "gland", "nipple", "muscle", "ligament", "ligament_eighth",
         "ligament_quarter", "ligament_half",
     )  # fmt: skip
-    areola = body.areola
+    areola, shape = body.areola, body.outline.shape
     return Paint(
-        body.nipple.numbers(body.outline.shape.depth_mm, areola.root_mm),
-        np.array([areola.thicker_mm, areola.radius_mm]),
+        body.nipple.numbers(shape.depth_mm + areola.raised_mm, shape.facing, areola.root_mm),
+        np.array([areola.thicker_mm + areola.raised_mm, areola.radius_mm]),
         _cut(body.outline), COVER_MM, 0.0,
         np.array([TISSUES[name].label for name in names], np.uint8),
     )  # fmt: skip

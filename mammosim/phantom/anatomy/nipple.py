@@ -29,14 +29,17 @@ STOUT = 0.65
 """A nipple is no higher than this part of its diameter: a thin, high one looks like a thumb. Chosen
 by eye."""
 
-TAPER, DOME, LUMPS_MM = (0.0, 0.25), (2.2, 5.0), (0.2, 0.8)
+TAPER, DOME, LUMPS_MM = (0.0, 0.5), (1.8, 4.5), (0.3, 1.1)
 """Part of the radius that is lost at the tip, exponent of its rounding, and amplitude of its
 unevenness: most nipples are an elevated plateau with steep sides (60 % of 600 breasts; Sanuki et
-al. 2009). Chosen by eye."""
+al. 2009), others are cones and domes. Chosen by eye."""
 
 DOWN, LEAN = -0.1, 0.18
 """How far a nipple leans downward on average, and the spread of that and of its lean aside, mm per
 mm of height. Chosen by eye: positioning brings it into profile."""
+
+MOST_TILT = 0.7
+"""A nipple turns aside by no more than this, mm a mm forward. Assumed."""
 
 ROOT_MM = (3.0, 8.0)
 """How far the nipple's fibrous tissue reaches below the skin. Assumed."""
@@ -45,9 +48,9 @@ AREOLA_MM, AREOLA_SPREAD_MM, AREOLAS_MM = 18.0, 2.5, (12.0, 24.0)
 """Radius of the areola: 20 mm on average (Sanuki et al. 2009), here to where a third of its extra
 thickness is left; the spread is assumed."""
 
-AREOLA_THICKER_MM = (0.6, 1.9)
-"""Extra thickness of the areola's skin, which is thickest there and swells towards the nipple on
-mammograms; the numbers are a choice."""
+AREOLA_THICKER_MM, AREOLA_RAISED_MM = (0.6, 1.9), (0.2, 1.4)
+"""How far the areola's skin reaches deeper at the nipple than other skin, and how far it bulges
+there: on mammograms skin swells towards the nipple over 15 to 25 mm; the numbers are a choice."""
 
 
 @dataclass(frozen=True)
@@ -56,23 +59,34 @@ class Areola:
 
     Parameters
     ----------
-    thicker_mm : float
-        Extra thickness of the skin at the nipple.
+    thicker_mm, raised_mm : float
+        Extra thickness of the skin at the nipple inwards and outwards.
     radius_mm : float
-        Distance from the nipple at which a third of it is left.
+        Distance from the nipple at which a third of both is left.
     root_mm : float
         Depth below the skin to which the nipple's fibrous tissue reaches.
     """
 
     thicker_mm: float
+    raised_mm: float
     radius_mm: float
     root_mm: float
+
+    def bulge_mm(
+        self, lateral: NDArray[np.float64], superior: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """How far it stands out at places (mm), which may broadcast, mm."""
+        near = (np.square(lateral) + np.square(superior)) / self.radius_mm**2
+        bulge: NDArray[np.float64] = self.raised_mm * np.exp(-near)
+        return bulge
 
 
 def draw_areola(rng: np.random.Generator) -> Areola:
     """An areola and the nipple's root."""
+    (bulge_rng,) = rng.spawn(1)
     return Areola(
         rng.uniform(*AREOLA_THICKER_MM),
+        bulge_rng.uniform(*AREOLA_RAISED_MM),
         float(np.clip(rng.normal(AREOLA_MM, AREOLA_SPREAD_MM), *AREOLAS_MM)),
         rng.uniform(*ROOT_MM),
     )
@@ -91,7 +105,7 @@ class Nipple:
     taper : float
         Part of the radius that is lost at the tip.
     tilt : tuple of float
-        How far it leans, lateral and superior, a mm of height.
+        How far it leans from where the skin faces, lateral and superior, a mm of height.
     dome : float
         Exponent of the rounding at the tip: 2 is a dome, larger is flatter.
     lumps_mm : float
@@ -108,11 +122,15 @@ class Nipple:
     lumps_mm: float
     place: float
 
-    def numbers(self, foot_mm: float, root_mm: float) -> NDArray[np.float64]:
-        """As the kernels want it; `foot_mm` is where it stands on the x axis."""
+    def numbers(
+        self, foot_mm: float, facing: tuple[float, float], root_mm: float
+    ) -> NDArray[np.float64]:
+        """As the kernels want it; `foot_mm` is where it stands on the x axis, and the skin there is
+        `facing` lateral and superior (mm a mm forward)."""
+        tilt = np.clip(np.array(self.tilt) + facing, -MOST_TILT, MOST_TILT)
         return np.array(
             [
-                foot_mm, self.height_mm, self.radius_mm, self.taper, *self.tilt, self.dome,
+                foot_mm, self.height_mm, self.radius_mm, self.taper, *tilt, self.dome,
                 self.lumps_mm, self.place, root_mm,
             ]
         )  # fmt: skip

@@ -86,7 +86,7 @@ def coarse_frame(outline: Outline) -> VoxelFrame:
     reach = max(1.75 * shape.radius_mm + abs(shape.base_superior_mm), 0.75 * ends)
     step = 2.0 * GRID_MM
     sides = np.arange(-np.ceil(reach / step), np.ceil(reach / step) + 1) * step
-    x = np.arange(0.0, shape.depth_mm + step, step)
+    x = np.arange(0.0, shape.front_mm + step, step)
     along, across, up = np.ix_(x, sides, sides)
     found = np.argwhere(_joined(outline, (along, across, up), step) > 0)
     found = found[along_mm(sides[found[:, 1]], sides[found[:, 2]]) < axilla.cut_mm + step]
@@ -94,7 +94,7 @@ def coarse_frame(outline: Outline) -> VoxelFrame:
     low = sides[found[:, 1:].min(axis=0)] - margin
     high = sides[found[:, 1:].max(axis=0)] + margin
     low = np.array([-2.0 * GRID_MM, *low])
-    high = np.array([shape.depth_mm + FRONT_MM, *high])
+    high = np.array([shape.front_mm + FRONT_MM, *high])
     nx, ny, nz = (int(n) for n in np.ceil((high - low) / GRID_MM) + 1)
     return VoxelFrame(low, np.full(3, GRID_MM), (nx, ny, nz))
 
