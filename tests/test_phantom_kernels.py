@@ -8,7 +8,12 @@ from naive import phantom as naive
 
 from mammosim.phantom._body_kernels import count_runs, find_runs
 from mammosim.phantom._count_kernels import count_labels
-from mammosim.phantom._open_end_kernels import CoarseDepth, copy_held, held_extent
+from mammosim.phantom._open_end_kernels import (
+    CoarseDepth,
+    copy_held,
+    held_extent,
+    muscle_fronts,
+)
 from mammosim.phantom.bodies import find_bodies
 
 
@@ -52,19 +57,26 @@ def test_what_a_view_leaves_out_agrees_with_the_twin():
     depth = rng.uniform(-3.0, 5.0, (4, 4, 4)).astype(np.float32)
     coarse = CoarseDepth(depth, np.float32(1.5), *places)
     box = np.array([[1, 9], [0, 7], [2, 7]])
-    expected = naive.left_out(labels, coarse, box, 0.6, 2.8, skin=9, nipple=3, muscle=2, fat=7)
+    expected = naive.left_out(
+        labels, coarse, box, 0.6, 2.8, 0.7, skin=9, nipple=3, muscle=2, fat=7
+    )
     assert 20 < (expected != labels).sum() < (labels != 0).sum()
     assert (expected == 7).any()
     rows, columns = np.zeros((9, 8), bool), np.zeros((9, 7), bool)
     names = np.array([9, 3, 2, 7], np.uint8)
-    given = labels.copy()
+    given, fronts = labels.copy(), np.zeros((8, 7), np.int32)
+    muscle_fronts(labels, names[2], fronts)
     held_extent(coarse, box, np.float32(0.6), names[1], labels, rows, columns)
     np.testing.assert_array_equal(rows, expected.any(axis=2))
     np.testing.assert_array_equal(columns, expected.any(axis=1))
     for first, end in ((np.array([0, 0]), (8, 7)), (np.array([2, 1]), (7, 5))):
         part = np.s_[:, first[0] : end[0], first[1] : end[1]]
         held = np.empty_like(expected[part])
-        copy_held(coarse, box, np.float32(0.6), np.float32(2.8), names, labels, first, held)
+        standing = np.float32(0.7)
+        copy_held(
+            coarse, box, np.float32(0.6), np.float32(2.8), standing, fronts, names, labels, first,
+            held,
+        )  # fmt: skip
         np.testing.assert_array_equal(held, expected[part])
     np.testing.assert_array_equal(labels, given)
 

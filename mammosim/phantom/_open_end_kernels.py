@@ -98,12 +98,26 @@ def held_extent(
 
 
 @parallel_kernel
+def muscle_fronts(
+    thread: Thread, labels: NDArray[np.uint8], muscle: np.uint8, out_layers: NDArray[np.int32]
+) -> None:
+    """Number of layers from the wall to the foremost muscle over each [y, z], 0 without any."""
+    for j in share(thread, 0, labels.shape[1]):
+        for i in range(labels.shape[0]):
+            for k in range(labels.shape[2]):
+                if labels[i, j, k] == muscle:
+                    out_layers[j, k] = i + 1
+
+
+@parallel_kernel
 def copy_held(
     thread: Thread,
     depth: CoarseDepth,
     box: NDArray[np.int64],
     voxel_mm: np.float32,
     cover_mm: np.float32,
+    standing: np.float32,
+    fronts: NDArray[np.int32],
     names: NDArray[np.uint8],
     labels: NDArray[np.uint8],
     first: NDArray[np.int64],
@@ -111,19 +125,23 @@ def copy_held(
 ) -> None:
     """Copy labels from [0, first, first] on, with air outside of the held breast, skin just inside.
 
-    Muscle less than `cover_mm` below that skin becomes fat. `names` are the labels of skin, nipple,
-    muscle and fat. Only `box` (3, 2) is changed; the nipple stays.
+    Muscle less than `cover_mm` below that skin becomes fat, and so does that in front of the part
+    `standing` of the layers up to its front, `fronts` [y, z]. `names` are the labels of skin,
+    nipple, muscle and fat. Only `box` (3, 2) is changed otherwise; the nipple stays.
     """
     skin, nipple, muscle, fat = names[0], names[1], names[2], names[3]
     for i in share(thread, 0, labels.shape[0]):
         line = np.empty(depth.mm.shape[2], np.float32)
         for j in range(first[0], first[0] + out_held.shape[1]):
             inside = box[0, 0] <= i < box[0, 1] and box[1, 0] <= j < box[1, 1]
+            layer = np.float32(i + 0.5 + even_shift(i, j))
             moved = np.float32(0.0)
             if inside:
                 moved = _depth_of_column(depth, i, j, voxel_mm, line)
             for k in range(first[1], first[1] + out_held.shape[2]):
                 label = labels[i, j, k]
+                if label == muscle and layer > standing * np.float32(fronts[j, k]):
+                    label = fat
                 kept = label == 0 or label == nipple
                 if not kept and inside and box[2, 0] <= k < box[2, 1]:
                     here = _depth_at(depth, line, moved, k)

@@ -81,6 +81,9 @@ class OpenEnd:
         Its grid, breast frame.
     skin_mm : float
         Thickness of the skin there.
+    standing : float
+        Part of the muscle's stand-off from the wall that is left in those views; the rest of it is
+        fat there. 1 where nothing is known of it, as for a breast read from a file.
     """
 
     point_mm: NDArray[np.float64]
@@ -88,6 +91,7 @@ class OpenEnd:
     held_depth_mm: NDArray[np.float32]
     held_frame: VoxelFrame
     skin_mm: float
+    standing: float = 1.0
 
     def held_depth_at(self, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Depth below the skin in views that do not look along the end, (n,) mm, at (n, 3)."""

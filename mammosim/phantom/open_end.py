@@ -14,6 +14,7 @@ from mammosim.phantom._open_end_kernels import (
     copy_held,
     count_left_out,
     held_extent,
+    muscle_fronts,
 )
 from mammosim.phantom.anatomy.muscle import COVER_MM
 from mammosim.phantom.breast import BreastPhantom, OpenEnd
@@ -63,7 +64,8 @@ def without_open_end(breast: BreastPhantom) -> BreastPhantom:
 
     There the arm is down: the fold of the axilla stays outside of the plates, which could not close
     on it, and the skin of the breast's upper outer part goes on to the chest. Fat lies under that
-    skin, over what is left of the muscle.
+    skin, over what is left of the muscle, which is not drawn off the chest wall there and stands
+    off it by the part `OpenEnd.standing` only.
 
     Raises
     ------
@@ -99,7 +101,7 @@ def _without_axilla(breast: BreastPhantom, end: OpenEnd) -> BreastPhantom:
 def _held_labels(
     breast: BreastPhantom, end: OpenEnd
 ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """Labels with air and skin where they are once the axilla is left out, in the box around them.
+    """Labels with air, skin and muscle where they are without the axilla, in the box around them.
 
     Also where the box begins along y and z.
     """
@@ -125,7 +127,12 @@ def _held_labels(
         for index, size, low in zip(used, labels.shape[1:], first, strict=True)
     ]
     held = np.empty((labels.shape[0], *sizes), np.uint8)
-    copy_held(depth, box, voxel_mm, np.float32(COVER_MM), of_names, labels, first, held)
+    fronts = np.zeros(labels.shape[1:], np.int32)
+    muscle_fronts(labels, of_names[2], fronts)
+    copy_held(
+        depth, box, voxel_mm, np.float32(COVER_MM), np.float32(end.standing), fronts, of_names,
+        labels, first, held,
+    )  # fmt: skip
     return held, first
 
 

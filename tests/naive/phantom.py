@@ -157,11 +157,19 @@ def on_axis(point, start, end, step):
 
 def left_out(
     labels: np.ndarray, coarse, box: np.ndarray, voxel_mm: float, cover_mm: float,
-    skin: int, nipple: int, muscle: int, fat: int,
+    standing: float, skin: int, nipple: int, muscle: int, fat: int,
 ) -> np.ndarray:  # fmt: skip
-    """Labels with air, skin and fat over muscle where a coarse depth, trilinear, puts them."""
+    """Labels with air, skin and fat over muscle where a coarse depth, trilinear, puts them.
+
+    Of each column's muscle only a part stands.
+    """
     held = labels.copy()
     for i, j, k in np.argwhere((labels != 0) & (labels != nipple)):
+        shift = (0.7548776662466927 * i + 0.5698402909980532 * j) % 1.0 - 0.5
+        if labels[i, j, k] == muscle:
+            foremost = np.flatnonzero(labels[:, j, k] == muscle)[-1]
+            if i + 0.5 + shift > standing * (foremost + 1):
+                held[i, j, k] = fat
         if not all(low <= at < high for at, (low, high) in zip((i, j, k), box, strict=True)):
             continue
         depth = 0.0
@@ -170,7 +178,7 @@ def left_out(
             part = coarse.part_x[i], coarse.part_y[j], coarse.part_z[k]
             weight = np.prod([p if a else 1.0 - p for a, p in zip(corner, part, strict=True)])
             depth += weight * coarse.mm[tuple(np.add(cell, corner))]
-        depth += voxel_mm * ((0.7548776662466927 * i + 0.5698402909980532 * j) % 1.0 - 0.5)
+        depth += voxel_mm * shift
         if depth < 0.0:
             held[i, j, k] = 0
         elif depth < coarse.skin_mm:

@@ -31,14 +31,14 @@ BODY_PART, BODY_MM = 0.6, 62.0
 """The ridge, and what else surrounds a breast, is sized by this part of an average breast's radius
 and the rest of its own: the body varies less than the breast. Chosen."""
 
-HEIGHT, ROOT = (0.62, 0.85), (0.68, 0.82)
+HEIGHT, ROOT = (0.70, 0.90), (0.68, 0.82)
 """Height of the ridge at the open end and, on a straight line to there, at the nipple, against the
 breast's depth: lower than the breast there, as a fillet joins both. Chosen so that the picture is
 as wide at its upper edge as most clinical ones, 0.7 to 0.85 of its greatest width
 (docs/explanation/pictures.md has the range), and that the outline has no hollow between axilla and
 nipple."""
 
-LEAST_MM = 45.0
+LEAST_MM = 49.0
 """Least height of the ridge at the open end before the breast is scaled to its volume, mm: the
 muscle under it varies less than breasts do. Shallow ones have what `HEIGHT` allows. Chosen."""
 

@@ -13,6 +13,7 @@ from mammosim.phantom.anatomy.axilla import CUT_DEG, draw_axilla
 from mammosim.phantom.anatomy.fold import draw_fold
 from mammosim.phantom.anatomy.muscle import (
     COVER_MM,
+    STANDING,
     Muscle,
     draw_muscle,
     fit_volume,
@@ -259,4 +260,4 @@ def open_end_of(body: Body, laterality: str, skin_mm: float) -> OpenEnd:
         depth = np.ascontiguousarray(depth[:, ::-1])
         origin[1] = -(origin[1] + frame.spacing_mm[1] * (frame.shape[1] - 1))
     held_frame = VoxelFrame(origin, frame.spacing_mm, frame.shape)
-    return OpenEnd(outline.axilla.cut_mm * out, out, depth, held_frame, skin_mm)
+    return OpenEnd(outline.axilla.cut_mm * out, out, depth, held_frame, skin_mm, STANDING)
