@@ -57,9 +57,7 @@ def test_what_a_view_leaves_out_agrees_with_the_twin():
     depth = rng.uniform(-3.0, 5.0, (4, 4, 4)).astype(np.float32)
     coarse = CoarseDepth(depth, np.float32(1.5), *places)
     box = np.array([[1, 9], [0, 7], [2, 7]])
-    expected = naive.left_out(
-        labels, coarse, box, 0.6, 2.8, 0.7, skin=9, nipple=3, muscle=2, fat=7
-    )
+    expected = naive.left_out(labels, coarse, box, 0.6, 2.8, 0.7, skin=9, nipple=3, muscle=2, fat=7)
     assert 20 < (expected != labels).sum() < (labels != 0).sum()
     assert (expected == 7).any()
     rows, columns = np.zeros((9, 8), bool), np.zeros((9, 7), bool)
