@@ -515,8 +515,8 @@ def test_the_open_end_has_no_skin_and_other_views_leave_it_off(scattered):
     assert 10.0 < abdomen < 60.0
     summary = phantom_summary(scattered)
     rest = sum(summary.volume_ml.values()) - summary.volume_ml["muscle"] - summary.breast_ml
-    # The abdominal wall is no part of the breast. Other views turn muscle near their skin and before
-    # what is left of the muscle into fat.
+    # The abdominal wall is no part of the breast. Other views turn muscle near their skin into fat,
+    # and that before what is left of the muscle.
     turned = held.frame.position_mm(np.argwhere(held.labels == LABEL["adipose"]))
     at = np.rint(scattered.frame.index(turned)).astype(int)
     turned = turned[scattered.labels[tuple(at.T)] == LABEL["muscle"]]
