@@ -146,7 +146,7 @@ def strands():
     tissue = threads.Tissue(30.0 - away, np.full(away.shape, -9.0), bent, frame)
     rng = np.random.default_rng(7)
     foams = (lobules.draw_net(bent, 9.0, rng), lobules.draw_net(bent, 7.0, rng))
-    drawn = threads.draw_threads(tissue, foams, 1.0, rng)
+    drawn = threads.draw_threads(tissue, foams, 1.0, 1.0, rng)
     return drawn, lambda at: 30.0 - np.linalg.norm(at, axis=-1)
 
 

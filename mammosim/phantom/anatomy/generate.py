@@ -81,9 +81,9 @@ FINE_AMPLITUDE, FINE_LIMIT = 0.42, 2.6
 """Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
 deviations. Chosen by eye."""
 
-GLAND_CAP = 0.45
-"""The potential above the threshold counts for no more: holes of fat, a seventh of the volume,
-stay within compact gland. Chosen by eye."""
+GLAND_CAP = 0.68
+"""The potential above the threshold counts for no more: holes of fat, a twentieth of the volume,
+stay within compact gland. More of them are a symmetric mottle in projection. Chosen by eye."""
 
 NO_GLAND = -9.0
 """Potential in the abdominal wall: below any threshold."""
@@ -212,7 +212,7 @@ def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _A
     vessels = grow_vessels(outline, depth, muscled, frame, vessel_rng)
     tubes = gather_tubes([*vessels, *gland.trees.pieces])
     tissue = Tissue(depth, muscled, foam.bent, frame)
-    threads = draw_threads(tissue, (lobules, fine), kind.threads, thread_rng)
+    threads = draw_threads(tissue, (lobules, fine), kind.threads, kind.stoutness, thread_rng)
     tile = noise_tile(thread_rng, TILE, FINE_LIMIT)
     foot = np.array([outline.shape.depth_mm, 0.0, 0.0])
     site = Site(depth, muscled, gland.skin_mm, frame, outline.axilla, foot, tubes)

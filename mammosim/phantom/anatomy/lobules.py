@@ -64,7 +64,7 @@ YIELDS, YIELDS_MM = 0.6, 25.0
 this distance in the net's coordinates, mm: fibrous tissue keeps to the ducts there. Chosen by
 eye."""
 
-STEEP_CELLS, FLAT = 2.2, 0.2
+STEEP_CELLS, FLAT = 1.5, 0.2
 """Below the potential that as much more volume exceeds than gland fills, the potential falls as it
 is; above, it is flattened to the second, so that borders of gland are those of lobules."""
 

@@ -30,13 +30,6 @@ class Parenchyma:
         Terminal units of a lobe's duct tree.
     sleeve_mm : float
         How far glandular tissue keeps to its ducts, mm.
-    patchiness, strands, lobules : float
-        Amplitude of lobes of gland and of the fat between them, of strands that run towards the
-        nipple, and of fat lobules that push gland aside.
-    lobule_mm : float
-        Depth within a fat lobule over which it pushes gland aside fully, mm.
-    septum_mm : float
-        Mean thickness of the walls between fat lobules, mm.
     plate : float
         Half the thickness of the plate in which gland lies, along the direction in which plates
         press, against the breast's radius.
@@ -45,48 +38,57 @@ class Parenchyma:
     cells : float
         Volume of the cells of the foam that are lobes of gland, and push none aside, against that
         of gland: they have holes of fat, and gland also lies between fat lobules.
+    behind_mm : float
+        Fat between gland and the pectoral muscle's front in a breast that is `TYPICAL_DEPTH_MM`
+        deep, mm; in others it changes with the depth.
+    threads, stoutness : float
+        Number and radius of fibrous threads against the mean.
+    patchiness, strands, lobules : float
+        Amplitude of lobes of gland and of the fat between them, of strands that run towards the
+        nipple, and of fat lobules that push gland aside.
+    lobule_mm : float
+        Depth within a fat lobule over which it pushes gland aside fully, mm.
+    septum_mm : float
+        Mean thickness of the walls between fat lobules, mm.
     lean_deg : float
         How much wider the cone is towards the upper outer quadrant, degrees.
     lobule_size : float
         Size of fat lobules against the mean.
-    threads : float
-        Number of fibrous threads against the mean.
     """
 
     fat_mm: float
     cone_deg: float
     units_a_lobe: float
     sleeve_mm: float
-    patchiness: float
-    strands: float
-    lobules: float
-    lobule_mm: float
-    septum_mm: float
     plate: float
     expanse: float
     cells: float
+    behind_mm: float
+    threads: float = 1.0
+    stoutness: float = 1.0
+    patchiness: float = 1.2
+    strands: float = 0.6
+    lobules: float = 2.8
+    lobule_mm: float = 1.4
+    septum_mm: float = 0.25
     lean_deg: float = 9.0
     lobule_size: float = 1.0
-    threads: float = 1.0
 
 
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
-        "fatty": Parenchyma(12.0, 46.0, 9.0, 5.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.3, 6.0, 0.25),
-        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.2, 2.0, 0.75),
-        "heterogeneous": Parenchyma(
-            9.0, 58.0, 32.0, 7.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.28, 1.7, 0.6, threads=1.3
-        ),
-        "dense": Parenchyma(
-            6.5, 70.0, 42.0, 8.0, 1.2, 0.6, 2.8, 1.4, 0.25, 0.45, 1.7, 0.48, threads=1.6
-        ),
+        "fatty": Parenchyma(12.0, 46.0, 9.0, 5.0, 0.3, 5.0, 0.25, 20.0, 1.15, 0.92),
+        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.25, 2.0, 0.75, 20.0),
+        "heterogeneous": Parenchyma(7.0, 58.0, 32.0, 7.0, 0.35, 1.9, 0.65, 14.0, 1.4, 1.2),
+        "dense": Parenchyma(5.0, 70.0, 42.0, 8.0, 0.6, 1.45, 0.65, 10.0, 1.6, 1.35),
     }
 )
 """Chosen by eye on projections, so that each class looks like mammograms of its BI-RADS letter;
 subcutaneous fat of 5 to 15 mm and a cone at the nipple follow anatomical drawings (Cooper 1840).
-In dense ones half of the gland is not whole lobes but coats the walls of fat lobules, and there are
-more fibres: without them lines hardly show within gland. In fatty ones the little gland there is
-lies in strands along walls over most of the breast, and only a quarter is whole lobes."""
+In dense ones a third of the gland is not whole lobes but coats the walls of fat lobules, and there
+are more and stouter fibres: without them lines hardly show beside gland. In fatty ones the little
+gland there is lies in strands along walls over much of the breast, only a quarter is whole lobes,
+and fibres are more and finer."""
 
 SLEEVE = 0.7
 """Amplitude of the preference of gland for the neighbourhood of ducts. Chosen."""
@@ -119,9 +121,19 @@ INTO_FAT = 2.5
 """How much more steeply the room for gland falls within subcutaneous fat than below it: a muscle
 that takes the room behind leaves gland less of it, not less fat before it. Chosen."""
 
-AHEAD, AHEAD_SHARE = 1.6, 0.6
+AHEAD, AHEAD_SHARE = 1.0, 0.6
 """Amplitude of the preference of gland for the front of the breast, and the distance from the
 nipple at which there is none, against the breast's depth. Chosen by eye."""
+
+
+TYPICAL_DEPTH_MM, BEHIND_SPREAD = 62.0, 0.25
+"""Depth of a median breast at rest, mm, and spread over women of the logarithm of the retromammary
+fat. Gland is densest in front and sparse near the chest wall (88 breast CTs: Fedon et al. 2021),
+and anatomical drawings show a layer of fat in front of the muscle; its thickness is assumed."""
+
+LEAST_ROOM = -12.0
+"""Least room, far within fat: lobes that differ by a few units of the potential keep out of it.
+Chosen."""
 
 
 def draw_parenchyma(density: str, rng: np.random.Generator) -> Parenchyma:
@@ -148,7 +160,15 @@ def draw_parenchyma(density: str, rng: np.random.Generator) -> Parenchyma:
     size = float(np.exp(0.15 * np.clip(rng.standard_normal(), -2.0, 2.0)))
     lean = float(rng.uniform(8.0, 28.0))
     threads = kind.threads * float(np.exp(0.35 * np.clip(rng.standard_normal(), -2.0, 2.0)))
-    return replace(kind, **changed, lean_deg=lean, lobule_size=size, threads=threads)
+    fat = float(np.exp(BEHIND_SPREAD * np.clip(rng.standard_normal(), -2.0, 2.0)))
+    return replace(
+        kind,
+        **changed,
+        lean_deg=lean,
+        lobule_size=size,
+        threads=threads,
+        behind_mm=kind.behind_mm * fat,
+    )
 
 
 def gland_room(
@@ -173,7 +193,8 @@ def gland_room(
     fat = 2.0 + (kind.fat_mm * np.clip(1.0 + 0.3 * uneven, 0.5, 1.7) - 2.0) * back**0.8
     from_skin = (own_depth_mm - fat) / 5.0
     from_skin = np.minimum(from_skin, INTO_FAT * from_skin)
-    behind = np.clip(9.0 + 3.0 * smooth_noise(rng, frame, 35.0), 4.0, None)
+    behind = kind.behind_mm * shape.depth_mm / TYPICAL_DEPTH_MM
+    behind = behind * np.clip(1.0 + 0.3 * smooth_noise(rng, frame, 35.0), 0.4, 1.6)
     # The muscle's depth is along x; its front is up to twice as steep.
     from_muscle = (-muscle_depth_mm / steepness(muscle_depth_mm) - behind) / 1.5
     # The gland leans to the upper outer quadrant, where most of it is.
@@ -190,8 +211,8 @@ def gland_room(
     sharp = 2.5
     # Lobes fan out from the nipple; towards the chest wall they end one after the other.
     forward = AHEAD * (1.0 - distance / (AHEAD_SHARE * shape.depth_mm)).clip(-1.0, 1.0)
-    least = forward - np.log(np.exp(-sharp * limits.clip(-6.0, 6.0)).sum(axis=0)) / sharp
-    return np.clip(least, -3.0, None)
+    least = forward - np.log(np.exp(-sharp * limits.clip(LEAST_ROOM, 6.0)).sum(axis=0)) / sharp
+    return np.clip(least, LEAST_ROOM, None)
 
 
 def gland_region(

@@ -94,7 +94,11 @@ class Threads:
 
 
 def draw_threads(
-    tissue: Tissue, nets: tuple[Net, Net], amount: float, rng: np.random.Generator
+    tissue: Tissue,
+    nets: tuple[Net, Net],
+    amount: float,
+    stoutness: float,
+    rng: np.random.Generator,
 ) -> Threads:
     """Strands of a breast.
 
@@ -103,8 +107,8 @@ def draw_threads(
     tissue : Tissue
     nets : tuple of Net
         Coarse and fine foam.
-    amount : float
-        Area of their cross-sections against that of the mean woman.
+    amount, stoutness : float
+        Number and radius of fibres against those of the mean woman.
     rng : Generator
 
     Notes
@@ -123,7 +127,7 @@ def draw_threads(
         _pieces(*draw_web(kind, strands, field, amount, tissue, rng)) for kind in (WEB, LONG)
     ]
     ends, radii = (np.concatenate(part) for part in zip(*pieces, strict=True))
-    return _within(ends, radii, tissue)
+    return _within(ends, stoutness * radii, tissue)
 
 
 def _edges_in(net: Net, tissue: Tissue) -> Foam:
