@@ -78,9 +78,9 @@ class Parenchyma:
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
         "fatty": Parenchyma(12.0, 46.0, 9.0, 5.0, 0.3, 5.0, 0.25, 20.0, 1.15, 0.92),
-        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.25, 2.0, 0.75, 20.0),
-        "heterogeneous": Parenchyma(7.0, 58.0, 32.0, 7.0, 0.35, 1.9, 0.65, 14.0, 1.4, 1.2),
-        "dense": Parenchyma(5.0, 70.0, 42.0, 8.0, 0.6, 1.45, 0.65, 10.0, 1.6, 1.35),
+        "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.25, 1.8, 0.75, 18.0),
+        "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.35, 1.6, 0.65, 14.0, 1.4, 1.2),
+        "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.6, 1.4, 0.65, 10.0, 1.6, 1.35),
     }
 )
 """Chosen by eye on projections, so that each class looks like mammograms of its BI-RADS letter;
@@ -117,9 +117,13 @@ OUTSIDE, WITHIN = 2.0, 0.35
 """Slope of the potential outside and within the region of gland, against that of the room.
 Chosen by eye."""
 
-INTO_FAT = 2.5
+INTO_FAT = 5.0
 """How much more steeply the room for gland falls within subcutaneous fat than below it: a muscle
 that takes the room behind leaves gland less of it, not less fat before it. Chosen."""
+
+BACK_MM = 2.5
+"""Length over which the room falls by one towards the muscle, mm: where there is too little of it
+gland spreads there before it spreads towards the skin. Chosen."""
 
 AHEAD, AHEAD_SHARE = 1.0, 0.6
 """Amplitude of the preference of gland for the front of the breast, and the distance from the
@@ -196,7 +200,7 @@ def gland_room(
     behind = kind.behind_mm * shape.depth_mm / TYPICAL_DEPTH_MM
     behind = behind * np.clip(1.0 + 0.3 * smooth_noise(rng, frame, 35.0), 0.4, 1.6)
     # The muscle's depth is along x; its front is up to twice as steep.
-    from_muscle = (-muscle_depth_mm / steepness(muscle_depth_mm) - behind) / 1.5
+    from_muscle = (-muscle_depth_mm / steepness(muscle_depth_mm) - behind) / BACK_MM
     # The gland leans to the upper outer quadrant, where most of it is.
     lean = np.cos(np.arctan2(superior, lateral) - np.deg2rad(rng.normal(50.0, 15.0)))
     slant = np.rad2deg(np.arctan2(across, ahead))
