@@ -77,7 +77,7 @@ class Parenchyma:
 
 PARENCHYMA: MappingProxyType[str, Parenchyma] = MappingProxyType(
     {
-        "fatty": Parenchyma(12.0, 46.0, 9.0, 5.0, 0.3, 5.0, 0.25, 20.0, 1.15, 0.92),
+        "fatty": Parenchyma(12.0, 46.0, 9.0, 5.0, 0.3, 5.0, 0.25, 20.0, 1.05, 0.92),
         "scattered": Parenchyma(10.5, 46.0, 22.0, 6.0, 0.25, 1.8, 0.75, 18.0),
         "heterogeneous": Parenchyma(8.5, 58.0, 32.0, 7.0, 0.35, 1.6, 0.65, 14.0, 1.4, 1.2),
         "dense": Parenchyma(6.0, 70.0, 42.0, 8.0, 0.6, 1.4, 0.65, 10.0, 1.6, 1.35),
@@ -88,7 +88,7 @@ subcutaneous fat of 5 to 15 mm and a cone at the nipple follow anatomical drawin
 In dense ones a third of the gland is not whole lobes but coats the walls of fat lobules, and there
 are more and stouter fibres: without them lines hardly show beside gland. In fatty ones the little
 gland there is lies in strands along walls over much of the breast, only a quarter is whole lobes,
-and fibres are more and finer."""
+and fibres are finer."""
 
 SLEEVE = 0.7
 """Amplitude of the preference of gland for the neighbourhood of ducts. Chosen."""
