@@ -81,8 +81,8 @@ FINE_AMPLITUDE, FINE_LIMIT = 0.42, 2.6
 """Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
 deviations. Chosen by eye."""
 
-GLAND_CAP = 0.68
-"""The potential above the threshold counts for no more: holes of fat, a twentieth of the volume,
+GLAND_CAP = 0.55
+"""The potential above the threshold counts for no more: holes of fat, a tenth of the volume,
 stay within compact gland. More of them are a symmetric mottle in projection. Chosen by eye."""
 
 NO_GLAND = -9.0

@@ -197,8 +197,8 @@ def gland_room(
     fat = 2.0 + (kind.fat_mm * np.clip(1.0 + 0.3 * uneven, 0.5, 1.7) - 2.0) * back**0.8
     from_skin = (own_depth_mm - fat) / 5.0
     from_skin = np.minimum(from_skin, INTO_FAT * from_skin)
-    behind = kind.behind_mm * shape.depth_mm / TYPICAL_DEPTH_MM
-    behind = behind * np.clip(1.0 + 0.3 * smooth_noise(rng, frame, 35.0), 0.4, 1.6)
+    layer_mm = kind.behind_mm * shape.depth_mm / TYPICAL_DEPTH_MM
+    behind = layer_mm * np.clip(1.0 + 0.3 * smooth_noise(rng, frame, 35.0), 0.4, 1.6)
     # The muscle's depth is along x; its front is up to twice as steep.
     from_muscle = (-muscle_depth_mm / steepness(muscle_depth_mm) - behind) / BACK_MM
     # The gland leans to the upper outer quadrant, where most of it is.
