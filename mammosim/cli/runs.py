@@ -13,8 +13,8 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
+from mammosim._loading import loading
 from mammosim._wording import counted
-from mammosim.cli.loading import loading
 from mammosim.cli.progress import event_lines, progress
 from mammosim.cli.rehearsing import rehearsing
 from mammosim.cli.signals import signals_interrupt

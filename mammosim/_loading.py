@@ -1,4 +1,4 @@
-"""Loading the program's modules, which takes most of the time until a command begins."""
+"""Loading the program's modules, which takes most of the time until a command or worker begins."""
 
 from __future__ import annotations
 
