@@ -18,7 +18,7 @@ from naive.projection import (
 
 from mammosim.phantom import Lesion
 from mammosim.projection import compressed_labels, project
-from mammosim.projection._ray_kernels import Voxels, _other, _segment
+from mammosim.projection._ray_kernels import Voxels, _other, _segment, find_empty_cells
 
 ADIPOSE, GLAND, LESION = 1, 29, 160
 
@@ -101,7 +101,7 @@ def voxels_of(labels):
     row = labels.reshape(-1)
     words = row[: row.size // 8 * 8].view(np.uint64)
     channel = np.append(3, np.arange(255)).astype(np.uint64)
-    return Voxels(row, words, *map(int, labels.shape), channel)
+    return Voxels(row, words, *map(int, labels.shape), channel, np.zeros((0, 0, 0), np.bool_))
 
 
 def test_the_other_label_is_found_at_any_place_of_a_word():
@@ -152,6 +152,51 @@ def test_a_segment_is_shared_among_the_voxels_between_the_planes_that_it_crosses
         _segment((*start, 0.5), (*end, 1.5), 0.0, 1.0, 2.0, voxels, shares, sums)
         np.testing.assert_allclose(sums[:, :3], [2.0 * expected] * 2, atol=1e-12)
         assert not shares.any()
+
+
+def test_cells_without_tissue_are_found_in_the_box_of_their_nodes():
+    rng = np.random.default_rng(7)
+    labels = rng.integers(1, 4, (20, 21, 22)).astype(np.uint8)
+    labels[6:] = np.where(rng.random((14, 21, 22)) < 0.01, 2, 0)
+    nodes = np.ones((9, 8, 7, 4), np.float32)
+    nodes[..., :3] = 3.1 * np.moveaxis(np.indices((9, 8, 7)), 0, -1) - 1.3
+    nodes[..., :3] += rng.uniform(-0.6, 0.6, (9, 8, 7, 3))
+    nodes[rng.random((9, 8, 7)) < 0.02, :3] = np.nan
+    empty = np.ones((8, 7, 6), np.bool_)
+    find_empty_cells(nodes, voxels_of(labels), 3, empty)
+    for i, j, k in np.ndindex(empty.shape):
+        corners = nodes[i : i + 2, j : j + 2, k : k + 2, :3].reshape(8, 3)
+        expected = False
+        if np.isfinite(corners).all():
+            low = np.maximum(np.floor(corners.min(axis=0) - 0.01), 0).astype(int)
+            high = np.maximum(np.floor(corners.max(axis=0) + 0.01) + 1, 0).astype(int)
+            expected = not labels[tuple(map(slice, low, high))].any()
+        assert empty[i, j, k] == expected
+    assert 20 < empty.sum() < 300
+
+
+def test_what_is_left_out_in_empty_cells_changes_no_bit(monkeypatch):
+    breast = warped_breast()
+    labels = breast.phantom.labels.copy()
+    labels[4:] = 0
+    breast = compressed(
+        phantom(labels, [1.0, 0.9, 1.1], [0.5, -6.0, -5.0], "R", lesions=breast.phantom.lesions),
+        breast.inverse, "MLO",
+    )  # fmt: skip
+    found = []
+
+    def find(nodes, voxels, unwanted, empty):
+        find_empty_cells(nodes, voxels, unwanted, empty)
+        found.append(empty.sum())
+
+    monkeypatch.setattr("mammosim.projection.ray_tracing.find_empty_cells", find)
+    with_gaps = project(breast, pixel_mm=1.3, detector_mm=[39.0, 26.0])
+    monkeypatch.setattr("mammosim.projection.ray_tracing.find_empty_cells", lambda *all_of: None)
+    whole = project(breast, pixel_mm=1.3, detector_mm=[39.0, 26.0])
+    assert found[0] > 20
+    assert with_gaps.length_mm.max() > 2.0
+    assert with_gaps.length_mm.tobytes() == whole.length_mm.tobytes()
+    assert with_gaps.attenuating_mm.tobytes() == whole.attenuating_mm.tobytes()
 
 
 def test_labels_in_another_memory_order_give_the_same():

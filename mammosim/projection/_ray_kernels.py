@@ -28,6 +28,8 @@ column by column, others slab by slab. Along a column voxels lie side by side in
 
 _SKIN = 1e-6
 """Part of a voxel by which the array is taken smaller on each side, against rounding."""
+_ROOM = 0.01
+"""By how much of a voxel a box is taken larger on each side, against rounding."""
 _NO_BIT, _ONE = np.uint64(0), np.uint64(1)
 _EACH_BYTE, _HIGHEST_OF_BYTES = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
 
@@ -60,7 +62,8 @@ class Voxels(NamedTuple):
 
     `words` is the same memory, eight labels a word (the rest that fills no word left out).
     `channel_of_label` is the channel of each label; those whose lengths are not asked for go to a
-    channel behind the last.
+    channel behind the last. `empty` [x, y, z] tells the cells of the grid in which there is nothing
+    but those (`find_empty_cells`).
     """
 
     labels: Labels
@@ -69,6 +72,50 @@ class Voxels(NamedTuple):
     size_y: int
     size_z: int
     channel_of_label: Words
+    empty: NDArray[np.bool_]
+
+
+@parallel_kernel
+def find_empty_cells(
+    thread: Thread, nodes: Nodes, voxels: Voxels, unwanted: int, out_empty: NDArray[np.bool_]
+) -> None:
+    """Cells of the grid in whose box of voxels all labels go to the channel `unwanted`.
+
+    The box holds the cell's eight nodes, with room for rounding; `voxels.empty` is not read.
+    """
+    sizes = (voxels.size_x, voxels.size_y, voxels.size_z)
+    for i in share(thread, 0, out_empty.shape[0]):
+        low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+        for j in range(out_empty.shape[1]):
+            for k in range(out_empty.shape[2]):
+                known = True
+                for axis in range(3):
+                    least, most = math.inf, -math.inf
+                    for n in range(8):
+                        place = nodes[i + n // 4, j + n // 2 % 2, k + n % 2, axis]
+                        known = known and not math.isnan(place)
+                        least, most = min(least, place), max(most, place)
+                    if known:
+                        low[axis] = max(math.floor(least - _ROOM), 0)
+                        high[axis] = min(math.floor(most + _ROOM), sizes[axis] - 1)
+                out_empty[i, j, k] = known and _all_unwanted(low, high, voxels, unwanted)
+
+
+@enclosed_kernel
+def _all_unwanted(
+    low: NDArray[np.int64], high: NDArray[np.int64], voxels: Voxels, unwanted: int
+) -> bool:
+    """Whether all voxels from `low` to `high` (3,) have labels of the channel `unwanted`."""
+    for x in range(low[0], high[0] + 1):
+        for y in range(low[1], high[1] + 1):
+            column = (x * voxels.size_y + y) * voxels.size_z
+            z = low[2] if low[2] <= high[2] else -1
+            while z >= 0:
+                label = voxels.labels[np.uint64(column + z)]
+                if voxels.channel_of_label[label] != unwanted:
+                    return False
+                z = _other(column, z, high[2], label, voxels)
+    return True
 
 
 @parallel_kernel
@@ -121,20 +168,22 @@ def _ray(
     du, dv, dk = beam.spacing[0], beam.spacing[1], beam.spacing[2]
     length = math.sqrt((slope_u * du) ** 2 + (slope_v * dv) ** 2 + dk**2)
     met = False
-    before = NOWHERE
+    before, i_before, j_before = NOWHERE, -1, -1
     for k in range(bottom, top + 1):
         height = beam.spot_k - k
-        here = value_on_plane(
-            nodes, beam.spot_u + slope_u * height, beam.spot_v + slope_v * height, k
-        )
-        if not (math.isnan(here[0]) or math.isnan(before[0])):
+        u, v = beam.spot_u + slope_u * height, beam.spot_v + slope_v * height
+        i, j = min(max(int(u), 0), nu - 2), min(max(int(v), 0), nv - 2)
+        here = value_on_plane(nodes, u, v, k)
+        unknown = math.isnan(here[0]) or math.isnan(before[0])
+        in_cell = i == i_before and j == j_before
+        if not (unknown or (in_cell and voxels.empty[i, j, k - 1])):
             t_in, t_out = _inside(before[2], here[2], voxels.size_z, 0.0, 1.0)
             t_in, t_out = _inside(before[0], here[0], voxels.size_x, t_in, t_out)
             t_in, t_out = _inside(before[1], here[1], voxels.size_y, t_in, t_out)
             if t_in < t_out:
                 _segment(before, here, t_in, t_out, length, voxels, shares, sums)
                 met = True
-        before = here
+        before, i_before, j_before = here, i, j
     return met
 
 

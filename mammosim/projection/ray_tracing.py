@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mammosim._side_by_side import dealt
-from mammosim.projection._ray_kernels import LABELS_PER_WORD, Beam, Voxels, trace
+from mammosim.projection._ray_kernels import LABELS_PER_WORD, Beam, Voxels, find_empty_cells, trace
 
 # Rows that one thread traces together: neighbouring rays share the voxels in its cache.
 _BAND_ROWS = 64
@@ -57,12 +57,17 @@ def trace_rays(
         nodes = nodes.copy()
         nodes[..., 3] = 1.0
     bands = -(-rows // _BAND_ROWS)
-    voxels = _voxels(labels, channel_of_label)
+    voxels = _voxels(labels, channel_of_label, channels, nodes)
     trace(dealt(bands), _BAND_ROWS, beam, nodes, voxels, length, weighted_length)
     return length, weighted_length
 
 
-def _voxels(labels: NDArray[np.uint8], channel_of_label: NDArray[np.int64]) -> Voxels:
+def _voxels(
+    labels: NDArray[np.uint8],
+    channel_of_label: NDArray[np.int64],
+    channels: int,
+    nodes: NDArray[np.float32],
+) -> Voxels:
     """The labels as the kernel wants them; copied only where they do not lie as it needs them."""
     labels = np.ascontiguousarray(labels)
     if labels.ctypes.data % LABELS_PER_WORD:
@@ -70,4 +75,8 @@ def _voxels(labels: NDArray[np.uint8], channel_of_label: NDArray[np.int64]) -> V
     row = labels.reshape(-1)
     words = row[: row.size // LABELS_PER_WORD * LABELS_PER_WORD].view(np.uint64)
     nx, ny, nz = (int(size) for size in labels.shape)
-    return Voxels(row, words, nx, ny, nz, channel_of_label.astype(np.uint64))
+    cells = tuple(max(size - 1, 0) for size in nodes.shape[:3])
+    empty = np.zeros(cells, np.bool_)
+    voxels = Voxels(row, words, nx, ny, nz, channel_of_label.astype(np.uint64), empty)
+    find_empty_cells(nodes, voxels, channels, empty)
+    return voxels
