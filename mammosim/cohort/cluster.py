@@ -37,6 +37,8 @@ before it is given one, and without garbage collections, which take a second of 
 
 WORKER_CONFIG = {
     "distributed.worker.preload": [LOAD_MODULES],
+    # It would look at each worker's stack a hundred times a second.
+    "distributed.worker.profile.enabled": False,
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     # A worker that paused would never go on: what a finished patient leaves is freed late.
