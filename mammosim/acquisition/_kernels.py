@@ -110,8 +110,13 @@ def primary_kernel(
         for e in range(energies):
             air_signal[source] += weights.energy[source, e]
             air_square[source] += weights.square[source, e]
+    mu_of_tissue = np.empty((tissues, energies))
+    for tissue in range(tissues):
+        for e in range(energies):
+            mu_of_tissue[tissue, e] = mu_per_mm[e, tissue]
     for row in share(thread, 0, rows):
         met = np.empty(tissues, np.int64)
+        depth = np.empty(energies)
         for column in range(columns):
             number = 0
             for tissue in range(tissues):
@@ -129,10 +134,13 @@ def primary_kernel(
                 signal = 0.0
                 square = 0.0
                 for e in range(energies):
-                    depth = weights.flat_depth[e] * excess
-                    for k in range(number):
-                        depth += mu_per_mm[e, met[k]] * length_mm[met[k], row, column]
-                    transmitted = exp(-depth)
+                    depth[e] = weights.flat_depth[e] * excess
+                for k in range(number):
+                    length = float(length_mm[met[k], row, column])
+                    for e in range(energies):
+                        depth[e] += mu_of_tissue[met[k], e] * length
+                for e in range(energies):
+                    transmitted = exp(-depth[e])
                     signal += weights.energy[source, e] * transmitted
                     square += weights.square[source, e] * transmitted
             falloff = 1.0 / (secant * secant * secant)
