@@ -30,15 +30,18 @@ import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from functools import cache, wraps
+from functools import cache, cached_property, wraps
 from typing import Any, ParamSpec, TypeVar
 
 import llvmlite.binding
 import numba
 import numba.extending
 import numpy as np
-from numba.core.dispatcher import Dispatcher
+from numba.core import types
+from numba.core.caching import FunctionCache
+from numba.core.compiler import Flags
 from numba.core.event import Event, Listener, install_listener
+from numba.core.registry import CPUDispatcher
 from threadpoolctl import threadpool_limits
 
 from mammosim._crew import crew_of_thread
@@ -56,17 +59,69 @@ PARALLEL_BYTES = 2_000_000
 threads: a stencil passes through 2 MB in about 0.2 ms, and a loaded machine may take several
 milliseconds to start a thread."""
 
-_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+_OPTIONS: dict[str, Any] = {
+    "nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
+}  # fmt: skip
+"""Of every kernel. Without an entry for callers in C, of which there are none."""
+
+
+def _compare_options_quickly() -> None:
+    """Let Numba tell in one step that two sets of options are the same.
+
+    It keeps what it has found of a call by the options of the function that calls, and gathers all
+    29 of them for each look at what is kept: a tenth of the time in which a kernel is compiled.
+    What is equal, and so what is compiled, does not change.
+    """
+    of_numba = Flags.__eq__
+
+    def equal(flags: Flags, other: Any) -> Any:
+        return (type(flags) is type(other) and flags._values == other._values) or of_numba(
+            flags, other
+        )
+
+    def number(flags: Flags) -> int:
+        return hash(Flags)  # Numba's own number comes from the options' names: the same for all
+
+    Flags.__eq__, Flags.__hash__ = equal, number
+
+
+_compare_options_quickly()
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     """Compile a function at its first call, and keep the machine code on disk."""
-    compiled = numba.njit(**_OPTIONS, **options)(function)
-    if isinstance(compiled, Dispatcher):  # with NUMBA_DISABLE_JIT it is the function itself
-        kept = kernel_cache(function)
-        if kept is not None:
-            compiled._cache = kept  # type: ignore[attr-defined]
-    return compiled
+    if numba.config.DISABLE_JIT:
+        return function
+    return _Kernel(function, options)
+
+
+class _Kernel(CPUDispatcher):
+    """A kernel as Python calls it; kernels that call it are given its `part`.
+
+    That is the same function without an entry from Python. To take a call apart, with all fields of
+    all arrays, is as much to compile as a short formula: a quarter of what a first run compiled.
+    """
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        super().__init__(function, targetoptions={**_OPTIONS, **options})
+        _keep_on_disk(self, kernel_cache(function))
+
+    @cached_property
+    def part(self) -> CPUDispatcher:
+        """Made when a kernel that calls it is compiled."""
+        options = {**self.targetoptions, "no_cpython_wrapper": True}
+        made = CPUDispatcher(self.py_func, targetoptions=options)
+        _keep_on_disk(made, kernel_cache(self.py_func, is_part=True))
+        return made
+
+    @property
+    def _numba_type_(self) -> types.Dispatcher:
+        return types.Dispatcher(self.part)
+
+
+def _keep_on_disk(dispatcher: CPUDispatcher, cache: FunctionCache | None) -> None:
+    if cache is not None:
+        dispatcher._cache = cache
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:

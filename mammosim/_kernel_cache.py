@@ -65,10 +65,10 @@ def can_be_kept() -> bool:
     return not _problems and not numba.config.DISABLE_JIT and not _ReadOnlyPlace.in_use
 
 
-def kernel_cache(function: Any) -> FunctionCache | None:
-    """Where a kernel is kept; None where there is no such place."""
+def kernel_cache(function: Any, is_part: bool = False) -> FunctionCache | None:
+    """Where a kernel, or the `part` of it that kernels call, is kept; None where no place is."""
     try:
-        return _Cache(function)
+        return _Cache(function, is_part)
     except RuntimeError:
         _problems.append(
             "cannot be saved: neither the program's folder nor the home folder can be written"
@@ -113,10 +113,10 @@ class _Cache(FunctionCache):
 
     _impl_class = _Places
 
-    def __init__(self, function: Any) -> None:
+    def __init__(self, function: Any, is_part: bool) -> None:
         super().__init__(function)
         stamp = source_stamp(Path(function.__code__.co_filename))
-        name = self._impl.filename_base
+        name = self._impl.filename_base + (".part" if is_part else "")
         self._cache_file = _CacheFile(self._cache_path, name, stamp)
         others = _read_only_folders(function.__code__.co_filename)
         self._read_only = [
