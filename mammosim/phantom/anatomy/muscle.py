@@ -155,7 +155,7 @@ def draw_muscle(rng: np.random.Generator) -> Muscle:
     return Muscle(
         wedge=rng.uniform(0.88, 0.98),
         start_mm=rng.uniform(-100.0, -70.0),
-        bulge=rng.uniform(1.3, 1.6),
+        bulge=rng.uniform(1.2, 1.5),
         medial_mm=rng.uniform(3.0, 4.5),
         lateral_mm=rng.uniform(0.3, 0.9),
         low=rng.uniform(0.75, 1.0),
