@@ -117,7 +117,7 @@ OUTSIDE, WITHIN = 2.0, 0.35
 """Slope of the potential outside and within the region of gland, against that of the room.
 Chosen by eye."""
 
-INTO_FAT = 5.0
+INTO_FAT = 9.0
 """How much more steeply the room for gland falls within subcutaneous fat than below it: a muscle
 that takes the room behind leaves gland less of it, not less fat before it. Chosen."""
 
