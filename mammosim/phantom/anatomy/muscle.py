@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from mammosim.geometry import VoxelFrame
 from mammosim.phantom.anatomy.axilla import across_mm, along_mm
@@ -134,7 +134,7 @@ class Muscle:
     @property
     def streaks(self) -> float:
         """Standard deviations of noise above which muscle is fat, so that its share is met."""
-        return float(norm.isf(self.fat - FAT_OF_WALLS))
+        return float(-ndtri(self.fat - FAT_OF_WALLS))
 
 
 def draw_muscle(rng: np.random.Generator) -> Muscle:
