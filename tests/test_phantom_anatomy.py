@@ -448,9 +448,10 @@ def spectral_exponent(grey, inside, pitch_mm, low=0.15, high=0.7):
 def test_structure_has_the_power_law_of_mammograms():
     """P(f) ~ f^-b with b 2.8 on average, 1.5 to 3.5 over breasts (Burgess).
 
-    Of what attenuates beside fat, in straight rays through 30 mm of small breasts with voxels of
-    0.3 mm: no compression and no blur. Septa and threads are thinner than any voxel of a quick
-    test, and in coarse ones their fill would be drawn over more than the wavelengths measured.
+    Of what attenuates beside fat, in straight rays through 30 mm of breasts with voxels of 0.3 mm,
+    large enough for four squares without muscle: no compression and no blur. Septa and threads are
+    thinner than any voxel of a quick test, and in coarse ones their fill would be drawn over more
+    than the wavelengths measured.
     """
     part = np.zeros(256, np.float32)
     for name, tissue in TISSUES.items():
@@ -461,7 +462,7 @@ def test_structure_has_the_power_law_of_mammograms():
     exponents = []
     # Breasts differ by 0.15, so that the mean of six is known to 0.06.
     for density, seed in (("b", 102), ("b", 103), ("c", 201), ("c", 202), ("d", 301), ("d", 302)):
-        breast = generate_phantom(density, 0.3, seed, volume_ml=220.0)
+        breast = generate_phantom(density, 0.3, seed, volume_ml=300.0)
         middle = round(-breast.origin_mm[2] / 0.3)
         slab = breast.labels[:, :, middle - 50 : middle + 50]
         inside = ~np.isin(slab, [LABEL["air"], LABEL["skin"], LABEL["muscle"]])
