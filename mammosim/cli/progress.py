@@ -28,9 +28,9 @@ SECONDS_PER_VIEW = 2.0
 SECONDS_PER_EVENT = 0.1
 """Between two rows of a solver's history that are reported to another program."""
 
-COMPILING_S = {"phantom": 30, "compression": 30, "projection": 6, "acquisition": 10}
+COMPILING_S = {"phantom": 20, "compression": 30, "projection": 6, "acquisition": 6}
 """Seconds that a stage's kernels take to compile, all of them together: processor seconds measured
-for the quickstart beside other programs (42, 40, 8 and 14), over 1.4 for a quiet machine."""
+for the quickstart with little else running (20.4, 27.6, 5.3 and 5.6, and 5.2 shared by all)."""
 
 
 @contextmanager
