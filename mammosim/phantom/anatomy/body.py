@@ -117,7 +117,7 @@ def draw_body(settings: GenerateSettings, seed: int, laterality: str) -> Body:
     axilla, muscle = draw_axilla(shape, shared), draw_muscle(shared)
     areola = draw_areola(shared)
     fold = draw_fold(shape, shared)
-    outline = fit_volume(Outline(shape, axilla, fold), muscle, volume_ml)
+    outline = fit_volume(Outline(shape, axilla, fold), muscle, volume_ml - areola.bulge_ml)
     frame = coarse_frame(outline)
     surfaces = surfaces_of(outline, frame)
     bulge = areola.bulge_mm(*mesh(frame)[1:])

@@ -14,7 +14,7 @@ FLAT_SHARE = 0.08
 al. 2009, Aesthetic Plast Surg 33:295-297), of women a tenth has one that is flat or inverted
 (Alexander, Grant & Campbell 1992, BMJ 304:1030-1032)."""
 
-HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 5.0, 4.0, (1.0, 7.0)
+HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 4.6, 10.0, (3.0, 6.0)
 """Mean height of a nipple that is not flat, shape of its gamma law, and bounds: measured with
 calipers it is 9 mm on average (Sanuki et al. 2009), here half of that (assumed: it is not
 stimulated), as `STOUT` takes some. Stretched skin takes another third between plates, and the
@@ -71,6 +71,11 @@ class Areola:
     raised_mm: float
     radius_mm: float
     root_mm: float
+
+    @property
+    def bulge_ml(self) -> float:
+        """Volume of what stands out, mL."""
+        return float(1e-3 * np.pi * self.raised_mm * self.radius_mm**2)
 
     def bulge_mm(
         self, lateral: NDArray[np.float64], superior: NDArray[np.float64]

@@ -26,10 +26,10 @@ BLUNT = 0.35
 FOOT_STEPS = 200
 """Places at which the skin is looked for on the x axis; it is linear between two."""
 
-FRONT_LATERAL, FRONT_SUPERIOR = (-0.04, 0.12), (0.02, 0.11)
-"""How far the front point lies lateral of the nipple and above it, in radii. On six clinical
-images the nipple lies 20 to 45 mm below the widest part of the outline in MLO, and within 10 mm of
-it in CC. Chosen."""
+FRONT_LATERAL, FRONT_SUPERIOR = (0.00, 0.12), (0.00, 0.06)
+"""How far the front point lies lateral of the nipple and above it, in radii. On three clinical
+images the nipple lies 20 to 45 mm below the widest part of the outline in MLO; in CC it is in
+profile in most, as the breast is lifted for it, so that little of this is upwards. Chosen."""
 
 SLOPE_MM = 1.0
 """Distance over which the skin's slope at the nipple is taken."""
