@@ -43,7 +43,11 @@ COLOURS = {
 
 def table_of_phantom(breast: BreastPhantom) -> LabelTable:
     """What the values of an uncompressed breast's own voxels stand for."""
-    return LabelTable(breast.laterality, dict(breast.tissue_of_label), _lesions(breast))
+    end = breast.open_end
+    return LabelTable(
+        breast.laterality, dict(breast.tissue_of_label), _lesions(breast),
+        muscle_standing=1.0 if end is None else end.standing,
+    )  # fmt: skip
 
 
 def table_of_compressed(compressed: CompressedBreast) -> LabelTable:

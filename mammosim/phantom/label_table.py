@@ -69,6 +69,8 @@ class LabelTable:
         Of `CompressedState`.
     in_patient_axes : bool
         Whether the volumes' axes are turned from the compression frame into the patient's.
+    muscle_standing : float
+        `OpenEnd.standing` of an uncompressed breast.
     """
 
     laterality: str
@@ -82,6 +84,7 @@ class LabelTable:
     in_patient_axes: bool = True
     end_side: float = 0.0
     end_points_mm: tuple[tuple[float, float, float], ...] = ()
+    muscle_standing: float = 1.0
 
     @property
     def rotation(self) -> NDArray[np.float64]:
@@ -120,6 +123,7 @@ def table_values(table: LabelTable, files: tuple[str, ...]) -> dict[str, Any]:
         "in_patient_axes": table.in_patient_axes,
         "end_side": table.end_side,
         "end_points_mm": [list(point) for point in table.end_points_mm],
+        "muscle_standing": table.muscle_standing,
         "labels": labels,
     }
 
@@ -173,7 +177,16 @@ def _table(values: dict[str, Any]) -> LabelTable:
         side, tissues, lesions, view, 45.0 if angle is None else angle, support, paddle, edge,
         values.get("in_patient_axes") is not False, _number(values, "end_side") or 0.0,
         tuple(_point(entry) for entry in values.get("end_points_mm", [])[:MAX_POINTS]),
+        _standing(values),
     )  # fmt: skip
+
+
+def _standing(values: dict[str, Any]) -> float:
+    part = _number(values, "muscle_standing")
+    part = 1.0 if part is None else part
+    if not 0.0 < part <= 1.0:
+        raise ValueError(f"muscle_standing {part:g}, expected above 0 and up to 1")
+    return part
 
 
 def _point(entry: Any) -> tuple[float, float, float]:

@@ -134,6 +134,8 @@ def read_phantom(
     if held is None:
         end, end_notes = find_open_end(voxels, frame, nipple_mm, open_end)
         notes += end_notes
+        if end is not None and volume.table is not None:
+            end = replace(end, standing=volume.table.muscle_standing)
     tissue_of_label = {tissue.label: tissue.name for tissue in TISSUES.values()}
     tissue_of_label.update({lesion.label: lesion.tissue for lesion in lesions})
     return BreastPhantom(
