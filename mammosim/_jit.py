@@ -39,7 +39,6 @@ import numba.extending
 import numpy as np
 from numba.core import types
 from numba.core.caching import FunctionCache
-from numba.core.compiler import Flags
 from numba.core.event import Event, Listener, install_listener
 from numba.core.registry import CPUDispatcher
 from threadpoolctl import threadpool_limits
@@ -63,29 +62,6 @@ _OPTIONS: dict[str, Any] = {
     "nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
 }  # fmt: skip
 """Of every kernel. Without an entry for callers in C, of which there are none."""
-
-
-def _compare_options_quickly() -> None:
-    """Let Numba tell in one step that two sets of options are the same.
-
-    It keeps what it has found of a call by the options of the function that calls, and gathers all
-    29 of them for each look at what is kept: a tenth of the time in which a kernel is compiled.
-    What is equal, and so what is compiled, does not change.
-    """
-    of_numba = Flags.__eq__
-
-    def equal(flags: Flags, other: Any) -> Any:
-        return (type(flags) is type(other) and flags._values == other._values) or of_numba(
-            flags, other
-        )
-
-    def number(flags: Flags) -> int:
-        return hash(Flags)  # Numba's own number comes from the options' names: the same for all
-
-    Flags.__eq__, Flags.__hash__ = equal, number
-
-
-_compare_options_quickly()
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:

@@ -9,6 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 import mammosim
+from mammosim.export.label_files import table_of_phantom, write_label_files
 from mammosim.geometry import View, VoxelFrame
 from mammosim.phantom import PhantomSettings, leaves_picture, phantom_summary, without_open_end
 from mammosim.phantom._cut_kernels import count_faces, count_places
@@ -75,6 +76,24 @@ def test_the_cut_towards_the_axilla_is_found_in_a_file_of_labels(generated, rere
     assert end.point_mm @ end.normal == pytest.approx(known.point_mm @ known.normal, abs=1.0)
     assert end.skin_mm == pytest.approx(known.skin_mm, rel=0.35)
     assert any("cut tissue" in note for note in reread.notes)
+    assert end.standing == 1.0  # nobody says how far its muscle stands off in other views
+
+
+def test_a_file_beside_its_table_gives_the_same_muscle_in_other_views(generated, tmp_path):
+    np.savez(
+        tmp_path / "breast.npz",
+        labels=generated.labels,
+        voxel_mm=generated.voxel_mm,
+        origin_mm=generated.origin_mm,
+    )
+    write_label_files(table_of_phantom(generated), ("breast.npz",), tmp_path)
+    end = mammosim.read_phantom(tmp_path / "breast.npz").open_end
+    assert end is not None
+    assert end.standing == generated.open_end.standing < 1.0
+    table = tmp_path / "labels.json"
+    table.write_text(table.read_text().replace('"muscle_standing": 0.6', '"muscle_standing": 3'))
+    with pytest.raises(mammosim.InputError, match=r"muscle_standing 3, expected above 0"):
+        mammosim.read_phantom(tmp_path / "breast.npz")
 
 
 def test_other_views_leave_out_what_leads_to_the_axilla(generated, reread):
