@@ -61,7 +61,7 @@ milliseconds to start a thread."""
 _OPTIONS: dict[str, Any] = {
     "nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
 }  # fmt: skip
-"""Of every kernel. Without an entry for callers in C, of which there are none."""
+"""Options of every kernel. None has an entry for callers in C, as there are none."""
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
@@ -74,8 +74,9 @@ def _compile(function: Callable[..., Any], **options: Any) -> Callable[..., Any]
 class _Kernel(CPUDispatcher):
     """A kernel as Python calls it; kernels that call it are given its `part`.
 
-    That is the same function without an entry from Python. To take a call apart, with all fields of
-    all arrays, is as much to compile as a short formula: a quarter of what a first run compiled.
+    The part is the same function without an entry from Python. Code that unpacks a call from
+    Python, with all fields of all arrays, takes as long to compile as a short formula: it was a
+    quarter of what a first run compiled.
     """
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:

@@ -66,7 +66,7 @@ def can_be_kept() -> bool:
 
 
 def kernel_cache(function: Any, is_part: bool = False) -> FunctionCache | None:
-    """Where a kernel, or the `part` of it that kernels call, is kept; None where no place is."""
+    """Where a kernel, or the `part` of it that kernels call, is kept; None if nowhere."""
     try:
         return _Cache(function, is_part)
     except RuntimeError:

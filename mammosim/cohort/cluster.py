@@ -32,12 +32,12 @@ from mammosim._loading import loading
 with loading():
     import mammosim.cohort.patient
 """
-"""What a worker of our own does first: the modules that its first patient would load are there
-before it is given one, and without garbage collections, which take 0.4 to 1 s of about 3."""
+"""What a worker of our own does first: it loads the modules that its first patient needs, without
+garbage collections, which take 0.4 to 1 of about 3 s."""
 
 WORKER_CONFIG = {
     "distributed.worker.preload": [LOAD_MODULES],
-    # It would look at each worker's stack a hundred times a second.
+    # Dask would sample each worker's stack a hundred times a second.
     "distributed.worker.profile.enabled": False,
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,

@@ -101,7 +101,7 @@ def held_extent(
 def muscle_fronts(
     thread: Thread, labels: NDArray[np.uint8], muscle: np.uint8, out_layers: NDArray[np.int32]
 ) -> None:
-    """Number of layers from the wall to the foremost muscle over each [y, z], 0 without any."""
+    """Number of layers from the wall to the foremost muscle over each [y, z], 0 if none."""
     for j in share(thread, 0, labels.shape[1]):
         for i in range(labels.shape[0]):
             for k in range(labels.shape[2]):
@@ -125,7 +125,7 @@ def copy_held(
 ) -> None:
     """Copy labels from [0, first, first] on, with air outside of the held breast, skin just inside.
 
-    Muscle less than `cover_mm` below that skin becomes fat, and so does that in front of the part
+    Muscle less than `cover_mm` below that skin becomes fat, and so does muscle beyond the part
     `standing` of the layers up to its front, `fronts` [y, z]. `names` are the labels of skin,
     nipple, muscle and fat. Only `box` (3, 2) is changed otherwise; the nipple stays.
     """

@@ -83,7 +83,7 @@ class OpenEnd:
         Thickness of the skin there.
     standing : float
         Part of the muscle's stand-off from the wall that is left in those views; the rest of it is
-        fat there. 1 where nothing is known of it, as for a breast that others made.
+        fat there. 1 if unknown, as for a breast that another program made.
     """
 
     point_mm: NDArray[np.float64]

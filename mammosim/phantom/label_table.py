@@ -70,7 +70,7 @@ class LabelTable:
     in_patient_axes : bool
         Whether the volumes' axes are turned from the compression frame into the patient's.
     muscle_standing : float
-        `OpenEnd.standing` of an uncompressed breast.
+        `OpenEnd.standing` of an uncompressed breast; 1 for others.
     """
 
     laterality: str
@@ -211,5 +211,5 @@ def _number(values: dict[str, Any], key: str) -> float | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e6:
-        raise ValueError(f"{key} {value!r:.40}, expected a number of mm or degrees")
+        raise ValueError(f"{key} {value!r:.40}, expected a number")
     return float(value)

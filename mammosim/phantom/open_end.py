@@ -64,8 +64,8 @@ def without_open_end(breast: BreastPhantom) -> BreastPhantom:
 
     There the arm is down: the fold of the axilla stays outside of the plates, which could not close
     on it, and the skin of the breast's upper outer part goes on to the chest. Fat lies under that
-    skin, over what is left of the muscle, which is not drawn off the chest wall there and stands
-    off it by the part `OpenEnd.standing` only.
+    skin, over what is left of the muscle. The muscle is not drawn forward there: it stands off the
+    chest wall by only `OpenEnd.standing` of its distance in oblique views.
 
     Raises
     ------

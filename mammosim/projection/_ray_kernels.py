@@ -29,7 +29,7 @@ column by column, others slab by slab. Along a column voxels lie side by side in
 _SKIN = 1e-6
 """Part of a voxel by which the array is taken smaller on each side, against rounding."""
 _ROOM = 0.01
-"""By how much of a voxel a box is taken larger on each side, against rounding."""
+"""Part of a voxel by which a box is taken larger on each side, against rounding."""
 _NO_BIT, _ONE = np.uint64(0), np.uint64(1)
 _EACH_BYTE, _HIGHEST_OF_BYTES = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
 
@@ -62,8 +62,8 @@ class Voxels(NamedTuple):
 
     `words` is the same memory, eight labels a word (the rest that fills no word left out).
     `channel_of_label` is the channel of each label; those whose lengths are not asked for go to a
-    channel behind the last. `empty` [x, y, z] tells the cells of the grid in which there is nothing
-    but those (`find_empty_cells`).
+    channel behind the last. `empty` [x, y, z] marks the cells of the grid that hold nothing but
+    those (`find_empty_cells`).
     """
 
     labels: Labels

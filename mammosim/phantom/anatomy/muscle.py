@@ -29,7 +29,7 @@ from mammosim.phantom.anatomy.shape import smooth_step
 END_OVER = 0.1
 """Distance above the nipple over which the muscle's wedge is blended in, in radii of the breast.
 Chosen so that its front can be followed in oblique views to about the nipple's level: it ends above
-in 75.5 % of them (Spuur et al. 2008)."""
+that level in 75.5 % of clinical ones (Spuur et al. 2008)."""
 
 COVER_MM = 7.0
 """Least skin and fat over the muscle, mm."""

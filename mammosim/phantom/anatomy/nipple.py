@@ -38,8 +38,8 @@ DOWN, LEAN = -0.1, 0.18
 """How far a nipple leans downward on average, and the spread of that and of its lean aside, mm per
 mm of height. Chosen by eye: positioning brings it into profile."""
 
-MOST_TILT = 0.7
-"""A nipple turns aside by no more than this, mm a mm forward. Assumed."""
+MAX_TILT = 0.7
+"""A nipple turns aside by no more than this, mm per mm forward. Assumed."""
 
 ROOT_MM = (3.0, 8.0)
 """How far the nipple's fibrous tissue reaches below the skin. Assumed."""
@@ -49,7 +49,7 @@ AREOLA_MM, AREOLA_SPREAD_MM, AREOLAS_MM = 18.0, 2.5, (12.0, 24.0)
 thickness is left; the spread is assumed."""
 
 AREOLA_THICKER_MM, AREOLA_RAISED_MM = (0.6, 1.9), (0.2, 1.4)
-"""How far the areola's skin reaches deeper at the nipple than other skin, and how far it bulges
+"""How much deeper the areola's skin reaches at the nipple than other skin, and how far it bulges
 there: on mammograms skin swells towards the nipple over 15 to 25 mm; the numbers are a choice."""
 
 
@@ -110,7 +110,7 @@ class Nipple:
     taper : float
         Part of the radius that is lost at the tip.
     tilt : tuple of float
-        How far it leans from where the skin faces, lateral and superior, a mm of height.
+        How far it leans from where the skin faces, lateral and superior, mm per mm of height.
     dome : float
         Exponent of the rounding at the tip: 2 is a dome, larger is flatter.
     lumps_mm : float
@@ -131,8 +131,8 @@ class Nipple:
         self, foot_mm: float, facing: tuple[float, float], root_mm: float
     ) -> NDArray[np.float64]:
         """As the kernels want it; `foot_mm` is where it stands on the x axis, and the skin there is
-        `facing` lateral and superior (mm a mm forward)."""
-        tilt = np.clip(np.array(self.tilt) + facing, -MOST_TILT, MOST_TILT)
+        `facing` lateral and superior (mm per mm forward)."""
+        tilt = np.clip(np.array(self.tilt) + facing, -MAX_TILT, MAX_TILT)
         return np.array(
             [
                 foot_mm, self.height_mm, self.radius_mm, self.taper, *tilt, self.dome,

@@ -122,8 +122,8 @@ INTO_FAT = 9.0
 that takes the room behind leaves gland less of it, not less fat before it. Chosen."""
 
 BACK_MM = 2.5
-"""Length over which the room falls by one towards the muscle, mm: where there is too little of it
-gland spreads there before it spreads towards the skin. Chosen."""
+"""Length over which the room falls by one towards the muscle, mm: where there is too little of it,
+gland spreads backward before it spreads towards the skin. Chosen."""
 
 AHEAD, AHEAD_SHARE = 1.0, 0.6
 """Amplitude of the preference of gland for the front of the breast, and the distance from the
@@ -135,7 +135,7 @@ TYPICAL_DEPTH_MM, BEHIND_SPREAD = 62.0, 0.25
 fat. Gland is densest in front and sparse near the chest wall (88 breast CTs: Fedon et al. 2021),
 and anatomical drawings show a layer of fat in front of the muscle; its thickness is assumed."""
 
-LEAST_ROOM = -12.0
+MIN_ROOM = -12.0
 """Least room, far within fat: lobes that differ by a few units of the potential keep out of it.
 Chosen."""
 
@@ -215,8 +215,8 @@ def gland_room(
     sharp = 2.5
     # Lobes fan out from the nipple; towards the chest wall they end one after the other.
     forward = AHEAD * (1.0 - distance / (AHEAD_SHARE * shape.depth_mm)).clip(-1.0, 1.0)
-    least = forward - np.log(np.exp(-sharp * limits.clip(LEAST_ROOM, 6.0)).sum(axis=0)) / sharp
-    return np.clip(least, LEAST_ROOM, None)
+    least = forward - np.log(np.exp(-sharp * limits.clip(MIN_ROOM, 6.0)).sum(axis=0)) / sharp
+    return np.clip(least, MIN_ROOM, None)
 
 
 def gland_region(

@@ -24,12 +24,12 @@ BLUNT = 0.35
 """Over this part of the radius the tip of a cone is rounded."""
 
 FOOT_STEPS = 200
-"""Places at which the skin is looked for on the x axis; it is linear between two."""
+"""Points on the x axis between which the skin is found by linear interpolation."""
 
 FRONT_LATERAL, FRONT_SUPERIOR = (0.00, 0.12), (0.00, 0.06)
 """How far the front point lies lateral of the nipple and above it, in radii. On three clinical
-images the nipple lies 20 to 45 mm below the widest part of the outline in MLO; in CC it is in
-profile in most, as the breast is lifted for it, so that little of this is upwards. Chosen."""
+images the nipple lies 20 to 45 mm below the widest part of the outline in MLO; in most
+CC it is in profile, as the breast is lifted for them, so that little of this is upwards. Chosen."""
 
 SLOPE_MM = 1.0
 """Distance over which the skin's slope at the nipple is taken."""
@@ -107,7 +107,7 @@ class Shape:
 
     @cached_property
     def facing(self) -> tuple[float, float]:
-        """Where the skin faces at the nipple's foot, lateral and superior, mm a mm forward."""
+        """Where the skin faces at the nipple's foot, lateral and superior, mm per mm forward."""
         foot = np.array([[self.depth_mm], [0.0], [0.0]])
         either = np.array([foot - SLOPE_MM * np.eye(3), foot + SLOPE_MM * np.eye(3)])
         before, after = (level(self, (x, lateral, superior)) for x, lateral, superior in either)
