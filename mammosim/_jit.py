@@ -68,7 +68,7 @@ def _compile(function: Callable[..., Any], **options: Any) -> Callable[..., Any]
     """Compile a function at its first call, and keep the machine code on disk."""
     if numba.config.DISABLE_JIT:
         return function
-    return _Kernel(function, options)
+    return _Kernel(function, {}, options)
 
 
 class _Kernel(CPUDispatcher):
@@ -79,8 +79,14 @@ class _Kernel(CPUDispatcher):
     quarter of what a first run compiled.
     """
 
-    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
-        super().__init__(function, targetoptions={**_OPTIONS, **options})
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        local_types: dict[str, Any],
+        options: dict[str, Any],
+    ) -> None:
+        # Numba unpickles it in another process by these three, in this order.
+        super().__init__(function, local_types, {**_OPTIONS, **options})
         _keep_on_disk(self, kernel_cache(function))
 
     @cached_property

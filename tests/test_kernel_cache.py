@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import errno
 import multiprocessing
+import pickle
 from pathlib import Path
 
 import numba
 import pytest
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.dispatcher import Dispatcher
 
 from mammosim import _jit, _kernel_cache
 from mammosim.compression.hyperelastic import _tangent_kernels
@@ -34,6 +36,16 @@ def doubling():
         return 2 * number
 
     return _jit.kernel(twice)
+
+
+def test_a_kernel_can_be_sent_to_another_process(monkeypatch):
+    kernel = doubling()
+    sent = pickle.dumps(kernel)
+    monkeypatch.setattr(Dispatcher, "_memo", {})  # as there, where nobody knows it
+    received = pickle.loads(sent)
+    assert received is not kernel
+    assert received.targetoptions == kernel.targetoptions
+    assert received(3) == 6
 
 
 @pytest.mark.parametrize("part", ["_save_overload", "_load_overload"])
