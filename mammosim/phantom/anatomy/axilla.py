@@ -34,9 +34,8 @@ and the rest of its own: the body varies less than the breast. Chosen."""
 HEIGHT, ROOT = (0.70, 0.90), (0.68, 0.82)
 """Height of the ridge at the open end and, on a straight line to there, at the nipple, against the
 breast's depth: lower than the breast there, as a fillet joins both. Chosen so that the picture is
-as wide at its upper edge as most clinical ones, 0.7 to 0.85 of its greatest width
-(docs/explanation/pictures.md has the range), and that the outline has no hollow between axilla and
-nipple."""
+as wide at its upper edge as clinical ones, 0.72 to 0.96 of its greatest width
+(docs/explanation/pictures.md), and that the outline has no hollow between axilla and nipple."""
 
 LEAST_MM = 49.0
 """Least height of the ridge at the open end before the breast is scaled to its volume, mm: the
