@@ -307,7 +307,8 @@ def test_check_refuses_slices_larger_than_memory(folder, monkeypatch):
 def test_a_generated_breast_is_cut_off_at_a_small_detector(folder):
     path = write(
         folder, "generated.yaml", phantom={"generate": {"volume_ml": 400, "voxel_mm": 0.5}},
-        projection={"detector_mm": [120, 130]}, views=["CC", {"dbt": "MLO"}],
+        compression={"model": "springs", "thickness_mm": 48},
+        projection={"detector_mm": [120, 150]}, views=["CC", {"dbt": "MLO"}],
     )  # fmt: skip
     result = invoke("check", path)
     assert result.exit_code == 0
