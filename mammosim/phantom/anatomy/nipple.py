@@ -18,7 +18,8 @@ HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 4.6, 10.0, (3.0, 6.0)
 """Mean height of a nipple that is not flat, shape of its gamma law, and bounds: measured with
 calipers it is 9 mm on average (Sanuki et al. 2009), here half of that (assumed: it is not
 stimulated), as `STOUT` takes some. Stretched skin takes another third between plates, and the
-areola's bulge hides a part: on an image it stands out by 1 to 4 mm, as on clinical ones."""
+areola's bulge hides a part: in MLO it stands out by 1 to 4 mm, as on clinical ones, in CC by
+less."""
 
 DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 9.0, 1.6, (6.0, 13.0)
 """Diameter: 13 mm on average (Sanuki et al. 2009), reached here between plates: the flare at the
