@@ -51,7 +51,7 @@ from mammosim.phantom.anatomy._parenchyma_kernels import (
     decide_gland,
     gather_walls,
 )
-from mammosim.phantom.anatomy._surface_kernels import dither, in_nipple, in_root
+from mammosim.phantom.anatomy._surface_kernels import areola, dither, in_nipple, in_root
 from mammosim.phantom.anatomy._wall_kernels import (
     border_reach,
     fillet_span,
@@ -182,7 +182,7 @@ def _fill_block(
     near, ends, place, pair = block.near, block.ends, block.near.place, block.near.pair
     scale, closest, around, cells, at_ends = near.scale, near.closest, near.block, near.row, near.q
     cut_y, cut_z, cut_mm = paint.cut[0], paint.cut[1], paint.cut[2]
-    areola, areola_mm = paint.areola_mm[0], paint.areola_mm[1]
+    thicker = paint.areola_mm[0]
     net, net_at, border = texture.lobules, NET, BORDER_MM
     reach = wall_reach(MOST_UNEVEN * least_and_most(corner, SEPTUM)[1], voxel)
     if only_muscle:
@@ -225,9 +225,8 @@ def _fill_block(
                 depth = depth_0 + w * depth_1
                 skin = skin_0 + w * skin_1
                 # Twice a voxel below the areola there is at most the nipple's root.
-                if shallow and (depth < skin + areola + 2.0 * voxel or y * y + z * z <= near_axis):
-                    ring = (y * y + z * z) / (areola_mm * areola_mm)
-                    thick = skin + areola * np.exp(-ring)
+                if shallow and (depth < skin + thicker + 2.0 * voxel or y * y + z * z <= near_axis):
+                    thick = skin + areola(paint, y, z)
                     smooth = depth
                     # Not at the chest wall, where no voxel behind would hold one that stands out.
                     if i > 0 and (abs(depth) < voxel or abs(depth - thick) < voxel):
