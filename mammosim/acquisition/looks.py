@@ -86,7 +86,7 @@ WHITES = (0.92, 0.74)
 """Range of the grey that muscle nears, from the weakest processing to the strongest: on clinical
 images muscle is at 0.34 to 0.81 (five)."""
 
-FAT_GREYS, GLAND_GREYS = (0.078, 0.100), (0.58, 0.70)
+FAT_GREYS, GLAND_GREYS = (0.084, 0.098), (0.58, 0.70)
 """Ranges of the grey of fat and of gland, which are the unit's window. Chosen within what is seen
 on clinical images (see `FAT_GREY`)."""
 
