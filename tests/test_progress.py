@@ -84,16 +84,19 @@ def test_plain_lines_say_once_a_stage_that_kernels_are_compiled(fresh_kernel, ca
     ]
 
 
-def test_plain_lines_go_on_where_compiling_takes_long(fresh_kernel, capsys, monkeypatch):
+@pytest.mark.parametrize("verbose", [False, True])
+def test_plain_lines_go_on_where_compiling_takes_long(fresh_kernel, capsys, monkeypatch, verbose):
     monkeypatch.setattr(shown, "SECONDS_PER_LINE", 0.0)
-    with shown.progress(PLAN, verbose=True) as on_progress:
+    with shown.progress(PLAN, verbose) as on_progress:
         on_progress("LCC", "compression", None)
         fresh_kernel(1)
         fresh_kernel(1.0)
         on_progress("LCC", "compression", ROW)
     lines = capsys.readouterr().err.splitlines()
-    assert [line.endswith("fresh") for line in lines] == [False, True, True, False]
-    assert "12.5 mm" in lines[3]
+    assert ["this stage's code" in line for line in lines] == [False, True, False, False]
+    assert [line.endswith("fresh") for line in lines] == [False, verbose, verbose, False]
+    assert END.sub("ends", lines[2]).startswith("LCC: compressing (20 %, ends)")
+    assert ("12.5 mm" in lines[3]) == verbose
 
 
 def test_a_terminal_shows_compiling_while_it_lasts(fresh_kernel, monkeypatch):

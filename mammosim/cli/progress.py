@@ -69,12 +69,15 @@ def progress(plan: Plan, verbose: bool = False) -> Iterator[Any]:
 
         def on_compiling(kernel: str | None) -> None:
             nonlocal explained
-            if kernel is not None:
+            if kernel is None:
+                if err.is_terminal:
+                    show(line())
+            elif explained and not err.is_terminal:
+                show(line() + (f", compiling {kernel}" if verbose else ""))
+            else:
                 named = f": {kernel}" if verbose else ""
                 show(f"{shown.text}: {compiling}{named}", at_once=not explained)
                 explained = True
-            elif err.is_terminal:
-                show(line())
 
         with watch_compiling(on_compiling):
             yield on_progress
