@@ -482,6 +482,7 @@ def test_the_open_end_has_no_skin_and_other_views_leave_it_off(scattered):
     assert not scattered.labels[:, within < 0.0].any()
     held = without_open_end(scattered)
     assert held.open_end is None
+    assert held.muscle_standing == scattered.open_end.standing < scattered.muscle_standing == 1.0
     index = np.argwhere(held.labels != 0)[::97]
     places = held.frame.position_mm(index)
     at = np.rint(scattered.frame.index(places)).astype(int)

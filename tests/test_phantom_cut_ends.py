@@ -91,7 +91,7 @@ def test_a_file_beside_its_table_gives_the_same_muscle_in_other_views(generated,
     assert end is not None
     assert end.standing == generated.open_end.standing < 1.0
     table = tmp_path / "labels.json"
-    table.write_text(table.read_text().replace('"muscle_standing": 0.6', '"muscle_standing": 3'))
+    table.write_text(table.read_text().replace(f": {end.standing}", ": 3"))
     with pytest.raises(mammosim.InputError, match=r"muscle_standing 3, expected above 0"):
         mammosim.read_phantom(tmp_path / "breast.npz")
 

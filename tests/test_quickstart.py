@@ -51,6 +51,8 @@ def test_both_views_hold_what_readme_promises(quickstart):
     assert record["status"] == "done"
     assert record["seed"] == 1
     assert sorted(record["views"]) == ["LCC", "LMLO"]
+    assert record["views"]["LCC"]["muscle_standing"] < record["views"]["LMLO"]["muscle_standing"]
+    assert "of that in oblique views (assumed)" in (folder / "report.html").read_text()
     for name in ("uncompressed.nii.gz", "report.html", "config.yaml"):
         assert (folder / name).stat().st_size > 0
     for view in record["views"]:

@@ -211,6 +211,18 @@ def test_compression_and_exposure_are_in_units_a_radiologist_reads(record):
     assert "Density 17.3 %" in text
 
 
+def test_a_muscle_that_was_set_back_for_a_view_is_told_of(record):
+    craniocaudal, oblique = views_of(*LEFT)
+    held = dataclasses.replace(craniocaudal.compressed.phantom, muscle_standing=0.6)
+    set_back = ReportedView(
+        dataclasses.replace(craniocaudal.compressed, phantom=held), craniocaudal.mammogram
+    )
+    name = "Muscle's distance from the chest wall"
+    text = Page(render_report([set_back, oblique], [], record)).words
+    assert f"{name} 0.6 of that in oblique views (assumed) as in the phantom" in text
+    assert name not in Page(render_report([craniocaudal, oblique], [], record)).words
+
+
 def test_warnings_are_all_shown_and_each_once(record):
     views = views_of(*LEFT, notes=("Three cells inverted.", "The side was assumed."))
     text = Page(render_report(views, [], record)).words

@@ -153,6 +153,9 @@ class BreastPhantom:
     landmarks : tuple of Landmark
     open_end : OpenEnd or None
         Where the body goes on though its voxels end; None where skin closes it or it is not known.
+    muscle_standing : float
+        Part of the muscle's stand-off from the chest wall that is left, where the view that it is
+        held for has it set back (`OpenEnd.standing`); else 1.
     compressed : CompressedState or None
         Where plates hold it already; its breast frame is the compression frame then.
     shaped_under : {"standing", "prone", "supine"} or None
@@ -174,6 +177,7 @@ class BreastPhantom:
     lesions: tuple[Lesion, ...] = ()
     landmarks: tuple[Landmark, ...] = ()
     open_end: OpenEnd | None = None
+    muscle_standing: float = 1.0
     compressed: CompressedState | None = None
     shaped_under: Posture | None = None
     source: str = ""

@@ -95,7 +95,9 @@ def _without_axilla(breast: BreastPhantom, end: OpenEnd) -> BreastPhantom:
         raise InputError(problems)
     held, first = _held_labels(breast, end)
     origin = breast.origin_mm + breast.voxel_mm * [0, *first]
-    return dataclasses.replace(breast, labels=held, origin_mm=origin, open_end=None)
+    return dataclasses.replace(
+        breast, labels=held, origin_mm=origin, open_end=None, muscle_standing=end.standing
+    )
 
 
 def _held_labels(

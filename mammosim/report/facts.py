@@ -51,7 +51,21 @@ def compression_rows(compressed: Sequence[CompressedBreast]) -> list[Row]:
         ("Converged", "", [number(one.converged) for one in compressed]),
         ("Compressed thickness", "mm", [number(one.thickness_mm, 1) for one in compressed]),
     ]
+    standing = [one.phantom.muscle_standing for one in compressed]
+    if min(standing, default=1.0) < 1.0:
+        rows.append(
+            ("Muscle's distance from the chest wall", "", [_of_oblique(s) for s in standing])
+        )
     return rows + _measure_rows([one.measures for one in compressed])
+
+
+def _of_oblique(standing: float) -> str:
+    """How far a view has the muscle stand off the chest wall."""
+    return (
+        "as in the phantom"
+        if standing == 1.0
+        else f"{standing:g} of that in oblique views (assumed)"
+    )
 
 
 def exposure_rows(mammograms: Sequence[Mammogram]) -> list[Row]:

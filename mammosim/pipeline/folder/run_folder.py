@@ -310,6 +310,7 @@ def _view_record(result: ViewResult) -> dict[str, Any]:
         "converged": compressed.converged,
         "thickness_mm": compressed.thickness_mm,
         "force_n": compressed.force_n,
+        "muscle_standing": compressed.phantom.muscle_standing,
     }
     if mammogram is None:
         return record
