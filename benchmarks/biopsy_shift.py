@@ -13,7 +13,8 @@ lesions.csv, where both plates close on the middle of the breast; `from_support_
 from the breast support, on which the lowest tissue in front of the plates' edge lies. With
 `--samples` instead: the time of that many samples of `targets.uncertainty` for the quickstart's
 breast in CC or MLO, compressed as there by elements of 3 mm, or by springs of 1 mm on a fixed wall
-with the same moduli; its lesions' ellipsoids; and shifts.npy, [sample, target, 3].
+with the same moduli; its lesions' ellipsoids, also as seen from the nipple; and shifts.npy,
+[sample, target, 3].
 """
 
 from __future__ import annotations
@@ -22,16 +23,19 @@ import argparse
 import csv
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mammosim.compression import CompressedBreast, CompressionSettings, Sampler, compress
 from mammosim.phantom import BreastPhantom, PhantomSettings, as_held, make_phantom
 from mammosim.pipeline import load_config
 from mammosim.targets import (
     UncertaintySettings,
+    UncompressedTarget,
     draw_samples,
     sampled_shifts,
     target_origins,
@@ -162,6 +166,15 @@ def time_samples(count: int, view: str, model: str, out: Path) -> None:
     np.save(out / "shifts.npy", shifts)
     for origin in origins:
         print(f"{origin.name}: nominal {mean_shift_mm(compressed.field, origin).round(1)} mm")
+    print_ellipsoids(origins, view, shifts)
+    print("as seen from the nipple:")
+    print_ellipsoids(origins[:-1], view, shifts[:, :-1] - shifts[:, -1:])
+
+
+def print_ellipsoids(
+    origins: Sequence[UncompressedTarget], view: str, shifts: NDArray[np.float64]
+) -> None:
+    """Mean and 95 % ellipsoid of each target's shifts, [sample, target, 3]."""
     for row in uncertainties(origins, {view: shifts}):
         axes = f"{row.long_mm:.1f}, {row.middle_mm:.1f}, {row.short_mm:.1f} mm"
         mean = f"{row.shift_x_mm:.1f}, {row.shift_y_mm:.1f}, {row.shift_z_mm:.1f} mm"

@@ -35,8 +35,8 @@ SECTIONS = {
     "seed": 4,
 }
 
-WAIT_S = 30.0
-"""After which a test has failed that waits for another thread."""
+WAIT_S = 120.0
+"""After which a test has failed that waits for another thread, which may have to compile first."""
 
 
 @pytest.fixture(scope="module")
