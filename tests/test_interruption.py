@@ -125,6 +125,7 @@ def test_kernels_of_a_crew_that_is_stopped_run_until_the_result_is_kept():
         ),
     ],
 )
+@pytest.mark.usefixtures("breasts_are_made_once")
 @pytest.mark.parametrize("model", ["hyperelastic", "springs"])
 def test_a_run_stopped_between_solution_and_file_keeps_the_field(
     model, at_once, tmp_path, monkeypatch

@@ -15,6 +15,8 @@ from mammosim.config import Settings, to_settings
 from mammosim.phantom import make_phantom
 from mammosim.pipeline import RunConfig, RunFolder, simulate_series, simulate_view
 
+pytestmark = pytest.mark.usefixtures("breasts_are_made_once")
+
 SECTIONS = {
     "phantom": {
         "generate": {"volume_ml": 250, "voxel_mm": 3.0},

@@ -50,6 +50,7 @@ def _fill(thread, out):
         out[i] = i
 
 
+@pytest.mark.usefixtures("breasts_are_made_once")
 def test_two_views_at_once_are_those_made_in_turn(config, monkeypatch, tmp_path):
     monkeypatch.setattr(simulation, "views_at_once", lambda config: 2)
     both = mammosim.simulate(config, RunFolder(tmp_path / "both", config, "run"))
@@ -163,6 +164,7 @@ def test_a_task_that_is_stopped_may_still_keep_what_it_reached():
     np.testing.assert_array_equal(kept, [np.arange(10.0)])
 
 
+@pytest.mark.usefixtures("breasts_are_made_once")
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS == 1, reason="kernels have one thread")
 def test_views_that_are_interrupted_keep_what_they_reached(tmp_path, monkeypatch):
     """Both in their third sweep: one is interrupted there, the other by that."""
