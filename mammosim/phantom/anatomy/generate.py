@@ -260,7 +260,7 @@ class _Foam:
 
 def _draw_foam(body: Body, kind: Parenchyma, rng: np.random.Generator) -> _Foam:
     bent = lobule_coordinates(body.outline, body.frame, rng)
-    fibres = fibre_coordinates(body.outline, body.behind_mm, body.frame, rng)
+    fibres = fibre_coordinates(body.muscle, body.outline, body.frame, rng)
     septum = septum_mm(body.depth_mm, kind.septum_mm, body.frame, rng)
     lobules = draw_net(bent, LOBULE_MM * kind.lobule_size, rng)
     fine = draw_net(bent, FINE_MM, rng)

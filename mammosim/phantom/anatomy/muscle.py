@@ -26,9 +26,10 @@ from mammosim.phantom.anatomy.outline import (
 )
 from mammosim.phantom.anatomy.shape import smooth_step
 
-END_OVER = 0.1
-"""Distance above the nipple over which the muscle's wedge is blended in, in radii of the breast.
-Chosen so that its front can be followed in oblique views to about the nipple's level: it ends above
+END_FROM, END_OVER = -0.1, 0.45
+"""Place at the nipple where the muscle's wedge ends, and the distance over which it is blended
+in, in radii of the breast: an abrupt end drew a level step across the picture's chest wall. Its
+front leaves oblique views at about the nipple's level, where it comes near the wall; it ends above
 that level in 75.5 % of clinical ones (Spuur et al. 2008)."""
 
 COVER_MM = 7.0
@@ -39,12 +40,14 @@ OWN_PART, OWN_MM = 0.6, 50.0
 the ridge's height: it varies less than the breast does. It is no thicker than fits under the ridge,
 so that its front stays straight up to the open end. Chosen."""
 
-SHEET_MM, SHEET_RANGE_MM = (46.0, 0.22), (32.0, 60.0)
-"""Median thickness of the sheet at the open end, mm, spread of its logarithm, and bounds. The sheet
-is gathered there, and pressed to about half: two to three centimetres along the beam. On the chest
-the muscle is about 1 cm thick (assumed); in the front fold of the axilla its lower part turns
-behind its upper one, and the smaller pectoral muscle lies behind both. Chosen so that muscle is as
-bright as on clinical images."""
+SHEET_MM, SHEET_RANGE_MM = (34.0, 0.32), (18.0, 54.0)
+"""Median thickness of the sheet's front at the open end, mm, spread of its logarithm, and bounds.
+The sheet is gathered there, and pressed to about half: one to three centimetres along the beam. On
+the chest the muscle is about 1 cm thick (assumed); in the front fold of the axilla its lower part
+turns behind its upper one, and the smaller pectoral muscle lies behind both. Chosen so that muscle
+is as bright as on clinical images. The area of the pectoral muscles in CT is 24.1 cm2 with a spread
+of 6.8 (434 persons, most of them men: Kim et al. 2017); how much of them is drawn between the
+plates differs too (assumed)."""
 
 FAT_PART, FAT_RANGE = (0.065, 0.35), (0.03, 0.12)
 """Median share of fat in muscle, spread of its logarithm, and bounds. In muscles of the thigh it is
@@ -66,24 +69,25 @@ of what does not. Their squares add up to one; assumed."""
 FAT_OF_WALLS = 0.009
 """Share of fat that the walls between bundles make up, as they are drawn."""
 
-BUNDLE_MM, BUNDLE_LENGTH = 8.0, 7.0
-"""Width of the muscle's bundles, mm, and their length against it. Chosen by eye."""
+BUNDLE_MM = 8.0
+"""Width of the muscle's bundles, mm. Chosen by eye."""
+
+BUNDLE_LENGTHS = (4.0, 14.0)
+"""Range of their length against it. On clinical images the muscle's texture is directed by 0.08 to
+0.58 (ratio of the difference to the sum of squared slopes along and across; five MLO). Chosen."""
 
 FIBRE_BEND_MM = (1.2, 50.0)
 """Amplitude and wavelength by which bundles are bent, mm: fibres are nearly straight. Chosen."""
 
-CROSS_BEND_MM = (1.8, 16.0)
-"""Amplitude and wavelength, mm, by which walls between bundles are bent in a cross-section: a
-flat wall that a ray touches over a bundle's width draws a dark line, straight and sharp as on no
-mammogram. Along the fibres this noise is as long as bundles are. Chosen by eye."""
+CROSS_BENDS_MM, CROSS_BEND_LENGTH_MM = (1.2, 2.8), 16.0
+"""Range of the amplitude, and wavelength, mm, by which walls between bundles are bent in a
+cross-section: a flat wall that a ray touches over a bundle's width draws a dark line, straight and
+sharp as on no mammogram. Along the fibres this noise is as long as bundles are. Chosen by eye."""
 
-LAYERS_MM, THIN_MM = 50.0, 32.0
-"""Coordinate of the muscle's front across its layers, mm, so that they thin towards the nipple as
-the muscle does; and the thickness, mm, below which they end at the front instead. Chosen so that
-bundles are about as thick as wide where the muscle is thickest."""
-
-INSERTION_MM = 130.0
-"""How far beyond the open end the bundles meet: the muscle's tendon at the upper arm, mm."""
+INSERTION_MM, STAND_OFF_MM = 130.0, (45.0, 85.0)
+"""How far beyond the open end the bundles meet, mm: the muscle's tendon at the upper arm; and how
+far off the chest-wall plane. From there they fan out to the chest wall, so that an oblique view
+shows them nearly along the muscle's front near it, and more inclined behind it. Assumed."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +118,12 @@ class Muscle:
         Share of fat between and within its bundles.
     medial_mm, lateral_mm : float
         Slab's thickness at the medial and lateral border of the base, mm.
+    bundle_length : float
+        Length of its bundles against `BUNDLE_MM`.
+    cross_bend_mm : float
+        Amplitude by which walls between bundles are bent in a cross-section, mm.
+    stand_off_mm : float
+        Distance off the chest-wall plane of the place where bundles meet, mm.
     waves : tuple of (amplitude, along, across, phase)
         Unevenness of the front: mm, radians a mm along and across the way to the axilla, radians.
     """
@@ -129,6 +139,9 @@ class Muscle:
     fat: float
     medial_mm: float
     lateral_mm: float
+    bundle_length: float
+    cross_bend_mm: float
+    stand_off_mm: float
     waves: tuple[tuple[float, float, float, float], ...]
 
     @property
@@ -142,7 +155,7 @@ def draw_muscle(rng: np.random.Generator) -> Muscle:
     long, as on clinical images."""
     waves = tuple(
         (
-            float(rng.uniform(0.3, 0.8)),
+            float(rng.uniform(0.2, 0.6)),
             float(rng.normal(0.0, 2.0 * np.pi / 60.0)),
             float(rng.normal(0.0, 2.0 * np.pi / 45.0)),
             float(rng.uniform(0.0, 2.0 * np.pi)),
@@ -158,11 +171,14 @@ def draw_muscle(rng: np.random.Generator) -> Muscle:
         bulge=rng.uniform(1.2, 1.5),
         medial_mm=rng.uniform(3.0, 4.5),
         lateral_mm=rng.uniform(0.3, 0.9),
-        low=rng.uniform(0.75, 1.0),
+        low=rng.uniform(0.45, 0.8),
         sheet_mm=float(np.clip(SHEET_MM[0] * np.exp(SHEET_MM[1] * thickness), *SHEET_RANGE_MM)),
-        nose_mm=own.uniform(3.0, 6.0),
-        widening=own.uniform(0.1, 0.4),
+        nose_mm=own.uniform(2.5, 5.0),
+        widening=own.uniform(0.2, 0.7),
         aside_mm=4.0 * float(own.standard_normal()),
+        bundle_length=float(np.exp(own.uniform(*np.log(BUNDLE_LENGTHS)))),
+        cross_bend_mm=own.uniform(*CROSS_BENDS_MM),
+        stand_off_mm=own.uniform(*STAND_OFF_MM),
         fat=float(np.clip(FAT_PART[0] * np.exp(FAT_PART[1] * fat), *FAT_RANGE)),
         waves=waves,
     )
@@ -203,7 +219,7 @@ def _profile(
     for amplitude, along, sideways, phase in muscle.waves:
         turn = along * along_mm(lateral, superior) + sideways * across + phase
         wedge = wedge + amplitude * np.clip(3.0 * rise, 0.0, 1.0) * np.cos(turn)
-    wedge = np.clip(wedge, 0.0, None) * smooth_step(superior / radius / END_OVER)
+    wedge = np.clip(wedge, 0.0, None) * smooth_step((superior / radius - END_FROM) / END_OVER)
     share = np.clip(0.5 - 0.5 * lateral / radius, 0.0, 1.0)
     slab = muscle.lateral_mm + (muscle.medial_mm - muscle.lateral_mm) * share
     return wedge, rise, slab
@@ -228,24 +244,20 @@ def fit_volume(outline: Outline, muscle: Muscle, volume_ml: float) -> Outline:
 
 
 def fibre_coordinates(
-    outline: Outline, behind: NDArray[np.float64], frame: VoxelFrame, rng: np.random.Generator
+    muscle: Muscle, outline: Outline, frame: VoxelFrame, rng: np.random.Generator
 ) -> list[NDArray[np.float64]]:
-    """Coordinates along and across the muscle's bundles, mm.
-
-    They fan out from the arm, and lie in layers that follow the muscle's front, so that an oblique
-    view shows them along its edge. `behind` is the depth behind the front, mm.
-    """
+    """Coordinates along and across the muscle's bundles, mm, which fan out from the arm."""
     x, lateral, superior = mesh(frame)
-    ahead = outline.axilla.cut_mm + INSERTION_MM - along_mm(lateral, superior)
-    across = across_mm(lateral, superior)
-    distance = np.hypot(np.maximum(ahead, 1.0), across)
-    fan = INSERTION_MM * np.arctan2(across, np.maximum(ahead, 1.0))
-    layer = LAYERS_MM * x / np.maximum(behind + x, THIN_MM)
-    straight = list(np.broadcast_arrays(distance / BUNDLE_LENGTH, fan, layer))
+    ahead = np.maximum(outline.axilla.cut_mm + INSERTION_MM - along_mm(lateral, superior), 1.0)
+    across, below = across_mm(lateral, superior), muscle.stand_off_mm - x
+    distance = np.sqrt(ahead**2 + across**2 + below**2)
+    fan = INSERTION_MM * np.arctan2(across, ahead)
+    layer = INSERTION_MM * np.arctan2(below, ahead)
+    straight = list(np.broadcast_arrays(distance / muscle.bundle_length, fan, layer))
     bent = [
         part + FIBRE_BEND_MM[0] * smooth_noise(rng, frame, FIBRE_BEND_MM[1]) for part in straight
     ]
     own = rng.spawn(1)[0]  # what is drawn next keeps its stream
     for part in bent[1:]:
-        part += CROSS_BEND_MM[0] * noise_over(own, straight, CROSS_BEND_MM[1])
+        part += muscle.cross_bend_mm * noise_over(own, straight, CROSS_BEND_LENGTH_MM)
     return bent
