@@ -14,14 +14,13 @@ FLAT_SHARE = 0.08
 al. 2009, Aesthetic Plast Surg 33:295-297), of women a tenth has one that is flat or inverted
 (Alexander, Grant & Campbell 1992, BMJ 304:1030-1032)."""
 
-HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 4.6, 10.0, (3.0, 6.0)
+HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 6.5, 10.0, (4.0, 9.0)
 """Mean height of a nipple that is not flat, shape of its gamma law, and bounds: measured with
-calipers it is 9 mm on average (Sanuki et al. 2009), here half of that (assumed: it is not
-stimulated), as `STOUT` takes some. Stretched skin takes another third between plates, and the
-areola's bulge hides a part: in MLO it stands out by 1 to 4 mm, as on clinical ones, in CC by
-less."""
+calipers it is 9 mm on average (Sanuki et al. 2009), here less (assumed: it is not stimulated), as
+`STOUT` takes some. Stretched skin takes another third between plates, and the areola's bulge hides
+a part: it stands out by up to 4 mm, as on clinical images."""
 
-DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 9.0, 1.6, (6.0, 13.0)
+DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 10.5, 1.6, (8.0, 14.0)
 """Diameter: 13 mm on average (Sanuki et al. 2009), reached here between plates: the flare at the
 foot adds 2 mm and the skin's stretch a fifth, which a real nipple, of smooth muscle, resists. The
 spread is assumed."""
@@ -35,7 +34,7 @@ TAPER, DOME, LUMPS_MM = (0.0, 0.5), (1.8, 4.5), (0.3, 1.1)
 unevenness: most nipples are an elevated plateau with steep sides (60 % of 600 breasts; Sanuki et
 al. 2009), others are cones and domes. Chosen by eye."""
 
-DOWN, LEAN = -0.1, 0.18
+DOWN, LEAN = -0.05, 0.12
 """How far a nipple leans downward on average, and the spread of that and of its lean aside, mm per
 mm of height. Chosen by eye: positioning brings it into profile."""
 

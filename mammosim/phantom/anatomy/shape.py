@@ -26,10 +26,15 @@ BLUNT = 0.35
 FOOT_STEPS = 200
 """Points on the x axis between which the skin is found by linear interpolation."""
 
-FRONT_LATERAL, FRONT_SUPERIOR = (0.00, 0.12), (0.00, 0.06)
-"""How far the front point lies lateral of the nipple and above it, in radii. On three clinical
-images the nipple lies 20 to 45 mm below the widest part of the outline in MLO; in most
-CC it is in profile, as the breast is lifted for them, so that little of this is upwards. Chosen."""
+FRONT_LATERAL, FRONT_SUPERIOR = (0.00, 0.12), (-0.12, -0.06)
+"""How far the front point lies lateral of the nipple and above it, in radii. It lies below, since
+the lower half of the breast is the smaller one: the middle of its sections, where plates close in
+CC, was 4 to 9 mm above a nipple that was level with the front point, and is 0 to 3 mm above this
+one. That is how a breast is lifted, so that the nipple is in profile. Chosen."""
+
+BASE_SUPERIOR, BASE_SUPERIOR_PTOSIS = -0.08, 0.11
+"""How far the centre of the base lies above the nipple of a breast that does not hang, and how much
+more with ptosis, in radii. Chosen with `FRONT_SUPERIOR`."""
 
 SLOPE_MM = 1.0
 """Distance over which the skin's slope at the nipple is taken."""
@@ -143,7 +148,7 @@ def draw_shape(volume_ml: float, rng: np.random.Generator) -> Shape:
         upper=rng.uniform(0.86, 1.06),
         lower=rng.uniform(0.82, 0.98),
         base_lateral_mm=radius * rng.uniform(-0.06, 0.10),
-        base_superior_mm=radius * (0.04 + 0.11 * ptosis),
+        base_superior_mm=radius * (BASE_SUPERIOR + BASE_SUPERIOR_PTOSIS * ptosis),
         front_lateral_mm=radius * front_rng.uniform(*FRONT_LATERAL),
         front_superior_mm=radius * front_rng.uniform(*FRONT_SUPERIOR),
         sag_mm=radius * 0.07 * ptosis * rng.uniform(0.5, 1.5),
