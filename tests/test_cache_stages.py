@@ -159,8 +159,10 @@ def test_a_run_that_was_killed_goes_on_where_it_was(user, tmp_path):
     assert invoke("run", path, "--output", output, "--set", "views=[CC]").exit_code == 0
     (output / "run.json").unlink()
     (output / "LCC" / ".part-mammogram.tif").write_bytes(b"half a picture")
+    (output / ".stages" / ".part-LMLO.compression.npz").write_bytes(b"half a field")
     result = invoke("run", path, "--output", output, "--resume")
     assert result.exit_code == 0, result.output
+    assert not list(output.rglob(".part-*"))
     assert record(output)["stages_reused"] == ["LCC.compression"]
     assert data_of(output) == data_of(whole)
 

@@ -2,13 +2,35 @@
 
 from __future__ import annotations
 
+import json
+import os
 import threading
 import time
+from pathlib import Path
 
 import pytest
+from make_run import FEW_PHOTONS
 
+from mammosim import simulate
+from mammosim.config import to_settings
 from mammosim.errors import InputError
+from mammosim.pipeline import RunConfig, RunFolder
+from mammosim.pipeline.folder import run_folder
+from mammosim.pipeline.run import beside as module
+from mammosim.pipeline.run import simulation
 from mammosim.pipeline.run.beside import MAX_WAITING, WritingThread
+
+SECTIONS = {
+    "phantom": {"generate": {"volume_ml": 250, "voxel_mm": 3.0}},
+    "compression": {"model": "springs", "resolution_mm": 8.0},
+    "projection": {"pixel_mm": 1.0},
+    "acquisition": FEW_PHOTONS,
+    "report": {"html": False},
+    "views": ["CC", "MLO"],
+}
+
+WAIT_S = 120.0
+"""After which a test has failed whose threads wait for each other."""
 
 
 @pytest.fixture
@@ -92,3 +114,90 @@ def test_closing_gives_up_what_has_not_begun():
     threading.Timer(0.05, gate.set).start()
     beside.close()
     assert written == []
+
+
+@pytest.fixture(scope="module")
+def config() -> RunConfig:
+    return to_settings(RunConfig, SECTIONS, "test")
+
+
+@pytest.fixture(scope="module")
+def usual(config, tmp_path_factory) -> Path:
+    """The folder of a run that nothing holds up."""
+    folder = tmp_path_factory.mktemp("usual") / "run"
+    simulate(config, RunFolder(folder, config))
+    return folder
+
+
+@pytest.fixture
+def hold(monkeypatch):
+    """Has a thread stop in the middle of a file until the run has nothing left to do but wait."""
+
+    def hold(path: Path) -> None:
+        half_written, go_on = threading.Event(), threading.Event()
+        replace, wait = os.replace, module.wait
+        finish, close = WritingThread.finish, WritingThread.close
+
+        def held(part, target):
+            if Path(target) == path and threading.current_thread() is not threading.main_thread():
+                half_written.set()
+                assert go_on.wait(WAIT_S)
+            replace(part, target)
+
+        def waiting(futures):
+            go_on.set()
+            return wait(futures)
+
+        def finishing(self):
+            assert half_written.wait(WAIT_S)
+            monkeypatch.setattr(module, "wait", waiting)
+            finish(self)
+
+        def closing(self):
+            go_on.set()
+            close(self)
+
+        monkeypatch.setattr(os, "replace", held)
+        monkeypatch.setattr(WritingThread, "finish", finishing)
+        monkeypatch.setattr(WritingThread, "close", closing)
+        monkeypatch.setattr(simulation, "views_at_once", lambda config: 1)
+
+    return hold
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and path.name != "run.json"
+    }
+
+
+@pytest.mark.parametrize(
+    "name",
+    [".stages/phantom.npz", ".stages/LCC.compression.npz", "uncompressed.nii.gz", "labels.json"],
+)
+@pytest.mark.usefixtures("breasts_are_made_once")
+def test_a_thread_that_is_held_up_in_any_file_makes_no_difference(
+    name, config, usual, hold, tmp_path
+):
+    """The run writes all the rest meanwhile, and begins with what was to be written last."""
+    output = tmp_path / "run"
+    hold(output / name)
+    simulate(config, RunFolder(output, config))
+    assert files_of(output) == files_of(usual)
+
+
+@pytest.mark.usefixtures("breasts_are_made_once")
+def test_the_record_of_a_run_that_stops_has_what_a_thread_was_writing(
+    config, hold, tmp_path, monkeypatch
+):
+    """Images of neither view can be written: the run stops, and fails again as it tidies up."""
+    monkeypatch.setattr(run_folder, "write_images", lambda *arguments: refuse())
+    output = tmp_path / "run"
+    hold(output / "LCC" / "compressed.nii.gz")
+    with pytest.raises(InputError, match="disk full"):
+        simulate(config, RunFolder(output, config))
+    record = json.loads((output / "run.json").read_text())
+    assert record["status"] == "refused"
+    assert "LCC/compressed.nii.gz" in record["files"]

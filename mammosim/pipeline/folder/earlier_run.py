@@ -98,6 +98,13 @@ def remove_earlier_run(folder: Path) -> None:
         for name, wanted in hashes.items() if isinstance(hashes, dict) else ():
             if _is_unharmed(folder, name, wanted):
                 (folder / name).unlink()
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
+
+
+def remove_unfinished_files(folder: Path) -> None:
+    """Remove what a run that was killed left half written, while nothing is written there."""
+    try:
         for part in folder.rglob(f"{PART_PREFIX}*"):
             if part.is_file():
                 part.unlink()

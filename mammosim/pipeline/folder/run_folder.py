@@ -34,7 +34,11 @@ from mammosim.export import (
 )
 from mammosim.phantom import BreastPhantom
 from mammosim.pipeline.configuration import RunConfig
-from mammosim.pipeline.folder.earlier_run import read_record, remove_earlier_run
+from mammosim.pipeline.folder.earlier_run import (
+    read_record,
+    remove_earlier_run,
+    remove_unfinished_files,
+)
 from mammosim.pipeline.folder.protection import (
     refuse_inputs_within,
     refuse_links,
@@ -62,10 +66,13 @@ TECHNIQUE = (
 class RunFolder:
     """The folder of one run.
 
+    Its methods may write at the same time, as long as each is called once for each thing.
+
     Parameters
     ----------
     path : path
-        Is made when the run begins; what lies in it is replaced file by file.
+        Is made when the run begins; what lies in it is replaced file by file. Half-written files of
+        a run that was killed are removed at once, before any thread writes one.
     config : RunConfig
     title : str
         Name of the run in the report.
@@ -102,6 +109,7 @@ class RunFolder:
             refuse_strangers(self.path, config)
         except OSError as error:
             raise InputError(f"{self.path}: cannot be used ({error.strerror})") from None
+        remove_unfinished_files(self.path)
         self.stages = StageCache(
             self.path, (*inputs.labels, *inputs.voxels, *inputs.lesions), reuse
         )
@@ -128,13 +136,12 @@ class RunFolder:
         self._check_presence()
 
     def write_phantom(self, breast: BreastPhantom) -> None:
-        """Write the uncompressed breast, once; one that was read between plates is not known.
+        """Write the uncompressed breast; one that was read between plates is not known.
 
         Where both breasts are imaged, each has a folder, `L` and `R`.
         """
         self._begin_or_go_on()
-        wanted = self._config.export.volumes and breast.compressed is None
-        if not wanted or breast.laterality in self._sides_written:
+        if not self._config.export.volumes or breast.compressed is not None:
             return
         folder = self._side_folder(breast.laterality)
         write_phantom(breast, folder, self._config.export.viewers)

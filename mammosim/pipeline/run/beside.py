@@ -29,6 +29,9 @@ comes."""
 class WritingThread:
     """Writes results while the run goes on, in the order in which they are handed over.
 
+    At `finish` the last are written first, beside the others: none may need another to be written
+    before, and no two may write the same file.
+
     What cannot be written is raised where the run hands over its next result, or at `finish`; what
     has not begun by then is not written. Views that are made at the same time share it.
 

@@ -91,6 +91,7 @@ class RunObserver:
         self._seconds: dict[str, float] = defaultdict(float)
         self._reported: dict[str, str] = {}
         self._breasts: list[BreastPhantom] = []
+        self._sides_handed_over: set[str] = set()
         self._beside = WritingThread(at_once)
         self._noting = RLock()
 
@@ -177,6 +178,7 @@ class RunObserver:
             if self._output is not None:
                 with suppress(InputError):
                     self._beside.finish()
+                self._beside.close()  # after an error, the thread may still be writing
                 with suppress(InputError):
                     self._output.write_stop(self._reached(), status)
             return self._reached()
@@ -236,9 +238,17 @@ class RunObserver:
         result = self._views[folder] = ViewResult(compressed)
         if self._output is not None:
             volumes = f"{folder}.volumes"
-            self._hand_over(volumes, self._output.write_phantom, breast)
+            if self._is_first_view_of(breast):
+                self._hand_over(volumes, self._output.write_phantom, breast)
             self._hand_over(volumes, self._output.write_compression, compressed)
         return result
+
+    def _is_first_view_of(self, breast: BreastPhantom) -> bool:
+        """Whether no other view of the breast came as far: the first has the breast written."""
+        with self._noting:
+            first = breast.laterality not in self._sides_handed_over
+            self._sides_handed_over.add(breast.laterality)
+        return first
 
     def _hand_over_page_parts(self, result: ViewResult) -> None:
         """Have the parts made that the page has of this view alone, as far as it came."""
