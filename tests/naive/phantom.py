@@ -121,8 +121,8 @@ def _full_potential(texture, corners, node, place, coarse_mm):
 
 
 def grain(texture, origin_mm, coarse_mm, point_mm):
-    """The finest noise at a point of gland: the tile's cell at its net coordinates, of which the
-    first points to the nipple."""
+    """The grain of gland at a point: greatest where the noise of the tile is zero. Net coordinates
+    give the tile's cell; the first points to the nipple."""
     at = (np.asarray(point_mm) - origin_mm) / coarse_mm
     block = np.floor(at).astype(int)
     corners = texture.fields[tuple(slice(n, n + 2) for n in block)].astype(float)
@@ -132,7 +132,10 @@ def grain(texture, origin_mm, coarse_mm, point_mm):
     ]
     bent = np.tensordot(weights, corners.reshape(8, -1), axes=1)[5:8]
     cell = np.floor(np.array([1.8, 5.0, 3.0]) * bent).astype(int) % 128
-    return texture.tile_scale * texture.grain_tile[tuple(cell)]
+    deviation = 127.0 / 2.6  # of the noise, which is cut off at 2.6 deviations
+    magnitude = abs(texture.grain_tile[tuple(cell)] / deviation)
+    ridge = (np.sqrt(2.0 / np.pi) - magnitude) / np.sqrt(1.0 - 2.0 / np.pi)
+    return texture.tile_scale * deviation * ridge
 
 
 def thread_fill(gap_mm, radius_mm, voxel_mm):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,9 @@ from mammosim._jit import merged_kernel
 
 TILE = 128
 """Side of the tile, a power of two, so that repeating it is a mask."""
+
+TILE_LIMIT = 2.6
+"""Where the tile's noise is cut off, in standard deviations; this is 127 in the tile."""
 
 ALONG = 0.7
 """Scale of the tile's first axis, along which structure is longer by its inverse, in muscle."""
@@ -21,6 +26,13 @@ GLAND_PER_MM = (1.8, 5.0, 3.0)
 """Cells of the tile per millimetre of net coordinates in gland: across the way to the nipple
 wavelengths of 0.5 to 4 mm; 2.8 times as long along this way, on which lobes and ducts run, and 1.7
 times along the direction in which plates press. Chosen by eye on projections."""
+
+CREST, CREST_SPREAD = 127.0 / TILE_LIMIT * math.sqrt(2.0 / math.pi), math.sqrt(1.0 - 2.0 / math.pi)
+"""Mean of the magnitude of the tile's noise, and its standard deviation against that of the
+noise, which is normal."""
+
+MOST_GLAND_GRAIN = CREST / CREST_SPREAD
+"""Most that gland's grain can be, against the scale of the tile."""
 
 UNEVEN, UNEVEN_PER, MOST_UNEVEN = 1.8, 0.35, 1.7
 """Thickness of walls: change per unit of the tile's noise, which is stretched by the inverse of the
@@ -52,8 +64,13 @@ def wall_unevenness(tile: NDArray[np.int8], scale: float, p: float, q: float, r:
 
 @merged_kernel
 def gland_grain_at(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float) -> float:
-    """As `grain_at`, for gland, on scales of its own."""
+    """Grain of gland, on scales of its own: greatest where the tile's noise is zero, that is on
+    thin bent sheets, with the mean and the standard deviation of the noise.
+
+    Sheets that are seen edge-on are the fine bright lines of gland; noise as it is, as often bright
+    as dark, is an even mottle in projection.
+    """
     a = int(p * GLAND_PER_MM[0] + 65536.0) & (TILE - 1)
     b = int(q * GLAND_PER_MM[1] + 65536.0) & (TILE - 1)
     c = int(r * GLAND_PER_MM[2] + 65536.0) & (TILE - 1)
-    return scale * tile[a, b, c]
+    return scale * (CREST - abs(float(tile[a, b, c]))) / CREST_SPREAD

@@ -19,7 +19,7 @@ from mammosim.phantom.anatomy._block_kernels import (
     least_and_most,
     trilinear,
 )
-from mammosim.phantom.anatomy._grain_kernels import MOST_UNEVEN
+from mammosim.phantom.anatomy._grain_kernels import MOST_GLAND_GRAIN, MOST_UNEVEN
 from mammosim.phantom.anatomy._net_kernels import (
     Near,
     Net,
@@ -160,7 +160,7 @@ def decide_gland(texture: Texture, paint: Paint, block: Block, h: float, only_mu
     """0 where a block holds no gland, 2 where it is gland but for the grain's holes, 1 with its
     sub-grid filled."""
     lowest, highest = least_and_most(block.corner, POTENTIAL)
-    grain = 128.0 * texture.tile_scale
+    grain = MOST_GLAND_GRAIN * texture.tile_scale
     highest += grain + texture.gland_push
     if only_muscle or highest + texture.noise_limit <= paint.threshold:
         return 0

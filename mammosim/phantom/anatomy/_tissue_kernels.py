@@ -38,6 +38,7 @@ from mammosim.phantom.anatomy._block_kernels import (
 )
 from mammosim.phantom.anatomy._fill_kernels import fill_of, fill_step
 from mammosim.phantom.anatomy._grain_kernels import (
+    MOST_GLAND_GRAIN,
     MOST_UNEVEN,
     gland_grain_at,
     muscle_grain_at,
@@ -192,7 +193,7 @@ def _fill_block(
     per_step = 1.0 / (APPROACH * voxel)
     o0, o1, o2, per = net.origin_mm[0], net.origin_mm[1], net.origin_mm[2], 1.0 / net.cell_mm
     tile, tile_scale, cap = texture.grain_tile, texture.tile_scale, texture.gland_cap
-    streaks, most_grain = texture.muscle_streaks, 128.0 * tile_scale
+    streaks, most_grain = texture.muscle_streaks, MOST_GLAND_GRAIN * tile_scale
     near_axis = 4.0 * numbers[2] * numbers[2]
     first_k, last_k = lattice.superior_start[at[2]], lattice.superior_start[at[2] + 1]
     first_i, last_i = lattice.x_start[at[0]], lattice.x_start[at[0] + 1]

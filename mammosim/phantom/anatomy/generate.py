@@ -15,7 +15,7 @@ from mammosim._side_by_side import both, dealt
 from mammosim.config import documents_keys, given_settings
 from mammosim.errors import InputError
 from mammosim.phantom.anatomy._block_kernels import SKIN_MM, Lattice, Paint, Texture
-from mammosim.phantom.anatomy._grain_kernels import TILE
+from mammosim.phantom.anatomy._grain_kernels import TILE, TILE_LIMIT
 from mammosim.phantom.anatomy._net_kernels import Net
 from mammosim.phantom.anatomy._sample_kernels import (
     IN_MUSCLE,
@@ -77,12 +77,11 @@ mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 2003, Proc SPIE 
 NOISE_LIMIT = 0.9
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
-FINE_AMPLITUDE, FINE_LIMIT = 0.42, 2.6
-"""Amplitude of the finest noise, wavelengths 0.5 to 4 mm, and where it is cut off, in standard
-deviations. Chosen by eye."""
+FINE_AMPLITUDE = 0.42
+"""Amplitude of the finest noise, wavelengths 0.5 to 4 mm, in standard deviations. Chosen by eye."""
 
-GLAND_CAP = 0.55
-"""The potential above the threshold counts for no more: holes of fat, a tenth of the volume,
+GLAND_CAP = 0.82
+"""The potential above the threshold counts for no more: holes of fat, a twentieth of the volume,
 stay within compact gland. More of them are a symmetric mottle in projection. Chosen by eye."""
 
 NO_GLAND = -9.0
@@ -213,7 +212,7 @@ def _anatomy(settings: GenerateSettings, seed: int, laterality: str = "L") -> _A
     tubes = gather_tubes([*vessels, *gland.trees.pieces])
     tissue = Tissue(depth, muscled, foam.bent, frame)
     threads = draw_threads(tissue, (lobules, fine), kind.threads, kind.stoutness, thread_rng)
-    tile = noise_tile(thread_rng, TILE, FINE_LIMIT)
+    tile = noise_tile(thread_rng, TILE, TILE_LIMIT)
     foot = np.array([outline.shape.depth_mm, 0.0, 0.0])
     site = Site(depth, muscled, gland.skin_mm, frame, outline.axilla, foot, tubes)
     findings = draw_findings(settings, site, finding_rng)
@@ -276,7 +275,7 @@ def _texture(anatomy: _Anatomy, seed: int) -> Texture:
         kind.strands * np.array(FAN_SHARE), np.array(FAN_PER_RADIAN),
         np.array(GRAIN_AMPLITUDE), np.array(GRAIN_MM), NOISE_LIMIT, kind.lobule_mm, kind.lobules,
         -GLANDULAR * kind.lobules,
-        anatomy.tile, FINE_AMPLITUDE * FINE_LIMIT / 127.0, GLAND_CAP,
+        anatomy.tile, FINE_AMPLITUDE * TILE_LIMIT / 127.0, GLAND_CAP,
         FINE_AMPLITUDE * anatomy.body.muscle.streaks,
         seed & 0xFFFFFF,
     )  # fmt: skip

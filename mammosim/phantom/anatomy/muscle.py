@@ -40,7 +40,7 @@ OWN_PART, OWN_MM = 0.6, 50.0
 the ridge's height: it varies less than the breast does. It is no thicker than fits under the ridge,
 so that its front stays straight up to the open end. Chosen."""
 
-SHEET_MM, SHEET_RANGE_MM = (34.0, 0.32), (18.0, 54.0)
+SHEET_MM, SHEET_RANGE_MM = (38.0, 0.30), (22.0, 56.0)
 """Median thickness of the sheet's front at the open end, mm, spread of its logarithm, and bounds.
 The sheet is gathered there, and pressed to about half: one to three centimetres along the beam. On
 the chest the muscle is about 1 cm thick (assumed); in the front fold of the axilla its lower part
