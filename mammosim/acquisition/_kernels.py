@@ -43,8 +43,10 @@ FLATTEST_TOE = 0.05
 # Part of the fine details' enhancement that is left out beside strong steps.
 BESIDE_STEPS = 0.5
 
-# Details (ln) well below this are enhanced in full, those well above hardly: no halo beside edges.
-DETAIL_LIMIT = 0.12
+# Details (ln) well below this part of the contrast of gland above fat are enhanced in full, those
+# well above hardly: no halo beside edges. By eye, and so that bright lines stand out in dense
+# breasts as in fatty ones.
+DETAIL_LIMIT = 0.24
 
 
 class Rays(NamedTuple):
@@ -352,7 +354,7 @@ def present_kernel(
             wide = _interpolated(middle, y, x) - smooth
             fine = level - smooth - wide
             # near the edge it is no detail but the edge, whose base is coarse
-            strength = (abs(wide) + abs(fine)) / DETAIL_LIMIT
+            strength = (abs(wide) + abs(fine)) / (DETAIL_LIMIT * curve.contrast)
             weak = _edge_part(0.5 * place) * _weak_part(strength)
             wide, fine = weak * wide, weak * fine
             away = _interpolated(even, y, x)

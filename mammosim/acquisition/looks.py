@@ -74,7 +74,7 @@ FINE_EXCHANGE = 0.6
 that grain differs by a factor of 1.8 between units (by these constants; not measured). In the
 middle greys it differs by 1.8 over the images of three women from two manufacturers."""
 
-NOISE_SIGMAS_MM = (0.067, 0.056)
+NOISE_SIGMAS_MM = (0.076, 0.063)
 """Range of the smoothing of the finest noise, from the weakest processing to the strongest."""
 
 SKIN_RISES = (0.8, 1.3)
