@@ -62,7 +62,7 @@ what is seen on clinical images, of no manufacturer in particular."""
 DRAWN = "drawn"
 """Name of the look that each seed draws for itself."""
 
-WIDE_GAINS, FINE_GAINS = (1.35, 1.55), (2.2, 3.1)
+WIDE_GAINS, FINE_GAINS = (1.27, 1.47), (1.9, 2.7)
 """Range of a unit's gains; that of fine detail at the sharpness of `USUAL_SHARPNESS`."""
 
 SHARPNESS, USUAL_SHARPNESS = (0.65, 2.0), 0.9
@@ -74,7 +74,7 @@ FINE_EXCHANGE = 0.6
 that grain differs by a factor of 1.8 between units (by these constants; not measured). In the
 middle greys it differs by 1.8 over the images of three women from two manufacturers."""
 
-NOISE_SIGMAS_MM = (0.076, 0.063)
+NOISE_SIGMAS_MM = (0.078, 0.064)
 """Range of the smoothing of the finest noise, from the weakest processing to the strongest."""
 
 SKIN_RISES = (0.8, 1.3)

@@ -54,7 +54,7 @@ half of gland's attenuation at a quarter of the range, for clinical medians are 
 Muscle, with two to four times the contrast of gland, lies on the shoulder; on clinical MLO images
 it is at 0.34 to 0.81."""
 
-DETAIL_CONTRAST = 0.55
+DETAIL_CONTRAST = 0.45
 """Weak details are shown as if the contrast (ln) of gland above fat were no larger: those of dense
 breasts do not fade as the scale of the base widens."""
 
