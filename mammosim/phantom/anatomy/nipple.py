@@ -14,13 +14,13 @@ FLAT_SHARE = 0.08
 al. 2009, Aesthetic Plast Surg 33:295-297), of women a tenth has one that is flat or inverted
 (Alexander, Grant & Campbell 1992, BMJ 304:1030-1032)."""
 
-HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 6.5, 10.0, (4.0, 9.0)
+HEIGHT_MM, HEIGHT_SHAPE, HEIGHTS_MM = 6.2, 10.0, (4.0, 8.0)
 """Mean height of a nipple that is not flat, shape of its gamma law, and bounds: measured with
 calipers it is 9 mm on average (Sanuki et al. 2009), here less (assumed: it is not stimulated), as
 `STOUT` takes some. Stretched skin takes another third between plates, and the areola's bulge hides
 a part: it stands out by up to 4 mm, as on clinical images."""
 
-DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 10.5, 1.6, (8.0, 14.0)
+DIAMETER_MM, DIAMETER_SPREAD_MM, DIAMETERS_MM = 9.2, 1.4, (7.0, 12.5)
 """Diameter: 13 mm on average (Sanuki et al. 2009), reached here between plates: the flare at the
 foot adds 2 mm and the skin's stretch a fifth, which a real nipple, of smooth muscle, resists. The
 spread is assumed."""

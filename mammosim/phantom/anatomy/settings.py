@@ -48,12 +48,12 @@ class GenerateSettings(Settings):
     deviation of 0.25 (Shi et al. 2013, Med Phys 40(3))."""
 
     nipple_height_mm: float | None = Field(default=None, ge=2.0, le=12.0)
-    """Height of the nipple above the areola, mm; default: drawn by the seed, 5.5 on average, from
-    4 to 9, and up to 2 in one breast of twelve."""
+    """Height of the nipple above the areola, mm; default: drawn by the seed, 5.3 on average, from
+    4 to 8, and up to 2 in one breast of twelve."""
 
     nipple_diameter_mm: float | None = Field(default=None, ge=6.0, le=16.0)
-    """Diameter of the nipple, mm; default: drawn by the seed, 11 on average, from
-    7 to 15."""
+    """Diameter of the nipple, mm; default: drawn by the seed, 9 on average, from
+    6 to 13."""
 
     lymph_nodes: int | None = Field(default=None, ge=0, le=8)
     """Number of lymph nodes towards the axilla; default: drawn by the seed, most often none or one,
