@@ -2,7 +2,7 @@
 
     python docs/make_breasts.py docs/images/phantom/classes.png RUN_FOLDER...
 
-Each run has a left CC and MLO as in explanation/pictures.md; the page shows seeds 7185 to 7188.
+Each run has a left CC and MLO as in explanation/pictures.md; the page shows seeds 7201 to 7204.
 """
 
 from __future__ import annotations
