@@ -46,7 +46,7 @@ BESIDE_STEPS = 0.5
 # Details (ln) well below this part of the contrast of gland above fat are enhanced in full, those
 # well above hardly: no halo beside edges. By eye, and so that bright lines stand out in dense
 # breasts as in fatty ones.
-DETAIL_LIMIT = 0.22
+DETAIL_LIMIT = 0.20
 
 
 class Rays(NamedTuple):

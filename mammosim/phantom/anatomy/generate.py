@@ -80,8 +80,8 @@ NOISE_LIMIT = 0.9
 FINE_AMPLITUDE = 0.42
 """Amplitude of the finest noise, wavelengths 0.5 to 4 mm, in standard deviations. Chosen by eye."""
 
-GLAND_CAP = 0.82
-"""The potential above the threshold counts for no more: holes of fat, a twentieth of the volume,
+GLAND_CAP = 0.64
+"""The potential above the threshold counts for no more: holes of fat, a twelfth of the volume,
 stay within compact gland. More of them are a symmetric mottle in projection. Chosen by eye."""
 
 NO_GLAND = -9.0
