@@ -2,7 +2,7 @@
 
     python docs/make_breasts.py docs/images/phantom/classes.png RUN_FOLDER...
 
-Each run has a left CC and MLO as in explanation/pictures.md; the page shows seeds 7201 to 7204.
+Each run has a left CC and MLO as in explanation/pictures.md; the page shows seeds 7209 to 7212.
 """
 
 from __future__ import annotations
