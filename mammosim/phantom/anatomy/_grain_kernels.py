@@ -27,12 +27,12 @@ GLAND_PER_MM = (1.8, 5.0, 3.0)
 wavelengths of 0.5 to 4 mm; 2.8 times as long along this way, on which lobes and ducts run, and 1.7
 times along the direction in which plates press. Chosen by eye on projections."""
 
-CREST, CREST_SPREAD = 127.0 / TILE_LIMIT * math.sqrt(2.0 / math.pi), math.sqrt(1.0 - 2.0 / math.pi)
-"""Mean of the magnitude of the tile's noise, and its standard deviation against that of the
-noise, which is normal."""
+STEEPER = 1.0 / math.sqrt(1.0 - 2.0 / math.pi)
+"""Standard deviation of normal noise against that of its magnitude."""
 
-MOST_GLAND_GRAIN = CREST / CREST_SPREAD
-"""Most that gland's grain can be, against the scale of the tile."""
+MOST_GLAND_GRAIN = 127.0 / TILE_LIMIT * math.sqrt(2.0 / math.pi) * STEEPER
+"""Most that gland's grain can be, against the scale of the tile: the mean magnitude of normal noise
+is the root of 2 / pi standard deviations."""
 
 UNEVEN, UNEVEN_PER, MOST_UNEVEN = 1.8, 0.35, 1.7
 """Thickness of walls: change per unit of the tile's noise, which is stretched by the inverse of the
@@ -65,12 +65,12 @@ def wall_unevenness(tile: NDArray[np.int8], scale: float, p: float, q: float, r:
 @merged_kernel
 def gland_grain_at(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float) -> float:
     """Grain of gland, on scales of its own: greatest where the tile's noise is zero, that is on
-    thin bent sheets, with the mean and the standard deviation of the noise.
+    thin bent sheets. Its mean and standard deviation are those of the noise.
 
-    Sheets that are seen edge-on are the fine bright lines of gland; noise as it is, as often bright
-    as dark, is an even mottle in projection.
+    Sheets that are seen edge-on are the fine bright lines of gland. The noise itself, as often
+    bright as dark, would be an even mottle in projection.
     """
     a = int(p * GLAND_PER_MM[0] + 65536.0) & (TILE - 1)
     b = int(q * GLAND_PER_MM[1] + 65536.0) & (TILE - 1)
     c = int(r * GLAND_PER_MM[2] + 65536.0) & (TILE - 1)
-    return scale * (CREST - abs(float(tile[a, b, c]))) / CREST_SPREAD
+    return scale * (MOST_GLAND_GRAIN - STEEPER * abs(float(tile[a, b, c])))

@@ -78,7 +78,7 @@ NOISE_LIMIT = 0.9
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
 FINE_AMPLITUDE = 0.42
-"""Amplitude of the finest noise, wavelengths 0.5 to 4 mm, in standard deviations. Chosen by eye."""
+"""Standard deviation of the finest noise, whose wavelengths are 0.5 to 4 mm. Chosen by eye."""
 
 GLAND_CAP = 0.64
 """The potential above the threshold counts for no more: holes of fat, a twelfth of the volume,
