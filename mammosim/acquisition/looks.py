@@ -62,7 +62,7 @@ what is seen on clinical images, of no manufacturer in particular."""
 DRAWN = "drawn"
 """Name of the look that each seed draws for itself."""
 
-WIDE_GAINS, FINE_GAINS = (1.27, 1.47), (1.9, 2.7)
+WIDE_GAINS, FINE_GAINS = (1.27, 1.47), (2.05, 2.5)
 """Range of a unit's gains; that of fine detail at the sharpness of `USUAL_SHARPNESS`."""
 
 SHARPNESS, USUAL_SHARPNESS = (0.65, 2.0), 0.9
@@ -74,7 +74,7 @@ FINE_EXCHANGE = 0.6
 that grain differs by a factor of 1.8 between units (by these constants; not measured). In the
 middle greys it differs by 1.8 over the images of three women from two manufacturers."""
 
-NOISE_SIGMAS_MM = (0.078, 0.064)
+NOISE_SIGMAS_MM = (0.072, 0.060)
 """Range of the smoothing of the finest noise, from the weakest processing to the strongest."""
 
 SKIN_RISES = (0.8, 1.3)
@@ -86,7 +86,7 @@ WHITES = (0.92, 0.74)
 """Range of the grey that muscle nears, from the weakest processing to the strongest: on clinical
 images muscle is at 0.34 to 0.81 (five)."""
 
-FAT_GREYS, GLAND_GREYS = (0.084, 0.098), (0.58, 0.70)
+FAT_GREYS, GLAND_GREYS = (0.087, 0.099), (0.58, 0.70)
 """Ranges of the grey of fat and of gland, which are the unit's window. Chosen within what is seen
 on clinical images (see `FAT_GREY`)."""
 

@@ -36,7 +36,7 @@ FAT_QUANTILE, GLAND_QUANTILE = 0.05, 0.99
 """Quantiles of the inner breast at which fat and gland are taken: not the extremes, which noise and
 calcifications set. Assumed."""
 
-DARK_SHARE, MAX_DARK = 0.75, 0.35
+DARK_SHARE, MAX_DARK = 0.85, 0.45
 """Where the darkest part of a dense breast still holds gland, its level lies this share of the way
 from fat to that part, at most `MAX_DARK` (ln) above fat: a dense breast is not shown all white, nor
 its subcutaneous fat black. On clinical MLO images the 5th percentile of grey is no higher than 0.12
@@ -58,7 +58,7 @@ DETAIL_CONTRAST = 0.45
 """Weak details are shown as if the contrast (ln) of gland above fat were no larger: those of dense
 breasts do not fade as the scale of the base widens."""
 
-GRAIN = 0.007
+GRAIN = 0.004
 """Fine details (ln) well below this are taken for grain, which is about a hundredth in fat; the
 limit grows with sharpness, as grain does."""
 

@@ -120,7 +120,7 @@ def grey(attenuation, missing, edge, rise, evened, base, middle, even, reach, ni
     straight = curve.fat_grey + slope * (base - curve.fat)
     below = bent(straight, curve.toe, curve.shoulder, curve.white)
     weak = np.array([middle - base, level - middle])
-    strength = np.abs(weak).sum() / (0.2 * curve.contrast)
+    strength = np.abs(weak).sum() / (0.23 * curve.contrast * min(curve.contrast / 0.95, 1.0))
     weak *= inner * np.tanh(strength) / strength
     strong = level - base - weak.sum()
     weak *= (curve.wide_gain, 1.0 + (curve.fine_gain - 1.0) * (0.5 + 0.5 * even))

@@ -22,7 +22,7 @@ BROAD = 2.5
 """Width of muscle's streaks of fat against the tile's structure: 1.2 to 10 mm, the width of its
 bundles and less, and about four times as long. Finer ones drew a hatching. Chosen by eye."""
 
-GLAND_PER_MM = (1.8, 5.0, 3.0)
+GLAND_PER_MM = (1.8, 5.0, 1.5)
 """Cells of the tile per millimetre of net coordinates in gland: across the way to the nipple
 wavelengths of 0.5 to 4 mm; 2.8 times as long along this way, on which lobes and ducts run, and 1.7
 times along the direction in which plates press. Chosen by eye on projections."""

@@ -77,10 +77,10 @@ mammograms, 2.8 on average and 1.5 to 3.5 over breasts (Burgess 2003, Proc SPIE 
 NOISE_LIMIT = 0.9
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
-FINE_AMPLITUDE = 0.42
+FINE_AMPLITUDE = 0.25
 """Standard deviation of the finest noise, whose wavelengths are 0.5 to 4 mm. Chosen by eye."""
 
-GLAND_CAP = 0.64
+GLAND_CAP = 0.39
 """The potential above the threshold counts for no more: holes of fat, a twelfth of the volume,
 stay within compact gland. More of them are a symmetric mottle in projection. Chosen by eye."""
 

@@ -43,11 +43,11 @@ ABSENT_SHARE, WEIGHT = 0.12, 0.34
 """Share of the lattice cells without a lobule, and spread of the weights, cells squared: both make
 lobules unequal. Chosen by eye."""
 
-COLUMN_UNEVEN, CELL_UNEVEN = 2.0, 0.5
+COLUMN_UNEVEN, CELL_UNEVEN = 4.5, 0.5
 """Spread by which columns of cells and single cells differ in what decides whether they are gland,
 in units of the potential. Chosen by eye."""
 
-COLUMN_CELLS, COLUMN_WIDTH = 1.6, 0.3
+COLUMN_CELLS, COLUMN_WIDTH = 3.0, 0.3
 """Lengths over which cells of a column are alike, along the direction in which plates press and
 across, in cells: fat lobules interrupt the plate of gland through its whole thickness, so that a
 mammogram shows them dark. Chosen by eye."""
