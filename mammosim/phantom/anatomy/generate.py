@@ -78,7 +78,8 @@ NOISE_LIMIT = 0.9
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
 FINE_AMPLITUDE = 0.25
-"""Standard deviation of the finest noise, whose wavelengths are 0.5 to 4 mm. Chosen by eye."""
+"""Standard deviation of the finest noise, whose wavelengths are 0.5 to 4 mm: borders of gland are
+rough by as much, which is a mottle in projection where they are many. Chosen by eye."""
 
 GLAND_CAP = 0.39
 """The potential above the threshold counts for no more: holes of fat, a twelfth of the volume,

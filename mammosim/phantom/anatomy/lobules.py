@@ -49,7 +49,7 @@ in units of the potential. Chosen by eye."""
 
 COLUMN_CELLS, COLUMN_WIDTH = 3.0, 0.3
 """Lengths over which cells of a column are alike, along the direction in which plates press and
-across, in cells: fat lobules interrupt the plate of gland through its whole thickness, so that a
+across, in cells: fat lobules interrupt the plate of gland through most of its thickness, so that a
 mammogram shows them dark. Chosen by eye."""
 
 FATNESS = (0.8, 1.5)
