@@ -71,7 +71,7 @@ clinical CC and 2.26 to 3.27 on MLO, falls by 0.5 over it."""
 
 FINE_EXCHANGE = 0.6
 """Fine gain falls with this power of what sharpness raises the finest detail by (1 + sharpness), so
-that grain differs by a factor of 1.8 between units (by these constants; not measured). In the
+that grain differs by a factor of 1.5 between units (by these constants; not measured). In the
 middle greys it differs by 1.8 over the images of three women from two manufacturers."""
 
 NOISE_SIGMAS_MM = (0.072, 0.060)

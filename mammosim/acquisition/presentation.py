@@ -60,7 +60,8 @@ breasts do not fade as the scale of the base widens."""
 
 GRAIN = 0.004
 """Fine details (ln) well below this are taken for grain, which is about a hundredth in fat; the
-limit grows with sharpness, as grain does."""
+limit grows with sharpness, as grain does. Grain is shown as evenly bright as dark: a higher limit
+would take in fine lines of dense gland, which are no stronger. Chosen by eye."""
 
 FLOOR_CONTRAST = 0.3
 """The base goes no further below fat than this part of the contrast: it takes no part in air."""
