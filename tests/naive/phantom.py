@@ -131,7 +131,7 @@ def grain(texture, origin_mm, coarse_mm, point_mm):
         for c in itertools.product((0, 1), repeat=3)
     ]
     bent = np.tensordot(weights, corners.reshape(8, -1), axes=1)[5:8]
-    cell = np.floor(np.array([1.8, 5.0, 3.0]) * bent).astype(int) % 128
+    cell = np.floor(np.array([1.8, 5.0, 1.5]) * bent).astype(int) % 128
     deviation = 127.0 / 2.6  # of the noise, which is cut off at 2.6 deviations
     magnitude = abs(texture.grain_tile[tuple(cell)] / deviation)
     ridge = (np.sqrt(2.0 / np.pi) - magnitude) / np.sqrt(1.0 - 2.0 / np.pi)
