@@ -48,8 +48,8 @@ BESIDE_STEPS = 0.5
 # breasts as in fatty ones.
 DETAIL_LIMIT = 0.23
 
-# Where gland has less contrast (ln) than this, details are strands in fat, and the limit falls as
-# the square of the contrast: else a fatty breast would be drawn with hard lines. By eye.
+# Where gland has less contrast (ln) than this, most details are strands in fat, and the limit falls
+# with the square of the contrast, so that lines in fatty breasts do not look hard. By eye.
 USUAL_CONTRAST = 0.95
 
 
@@ -339,7 +339,7 @@ def present_kernel(
     line.
     """
     slope = (curve.gland_grey - curve.fat_grey) / curve.contrast
-    limit_of_strength = DETAIL_LIMIT * curve.contrast * min(curve.contrast / USUAL_CONTRAST, 1.0)
+    detail_limit = DETAIL_LIMIT * curve.contrast * min(curve.contrast / USUAL_CONTRAST, 1.0)
     rows, columns = attenuation.shape
     for row in share(thread, 0, rows):
         for column in range(columns):
@@ -359,7 +359,7 @@ def present_kernel(
             wide = _interpolated(middle, y, x) - smooth
             fine = level - smooth - wide
             # near the edge it is no detail but the edge, whose base is coarse
-            strength = (abs(wide) + abs(fine)) / limit_of_strength
+            strength = (abs(wide) + abs(fine)) / detail_limit
             weak = _edge_part(0.5 * place) * _weak_part(strength)
             wide, fine = weak * wide, weak * fine
             away = _interpolated(even, y, x)

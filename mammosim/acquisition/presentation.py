@@ -60,8 +60,8 @@ breasts do not fade as the scale of the base widens."""
 
 GRAIN = 0.004
 """Fine details (ln) well below this are taken for grain, which is about a hundredth in fat; the
-limit grows with sharpness, as grain does. Grain is shown as evenly bright as dark: a higher limit
-would take in fine lines of dense gland, which are no stronger. Chosen by eye."""
+limit grows with sharpness, as grain does. Bright and dark grain are shown alike; with a higher
+limit, so would be the fine lines of dense gland, which are as faint. Chosen by eye."""
 
 FLOOR_CONTRAST = 0.3
 """The base goes no further below fat than this part of the contrast: it takes no part in air."""

@@ -135,7 +135,7 @@ def grain(texture, origin_mm, coarse_mm, point_mm):
     deviation = 127.0 / 2.6  # of the noise, which is cut off at 2.6 deviations
     magnitude = abs(texture.grain_tile[tuple(cell)] / deviation)
     ridge = (np.sqrt(2.0 / np.pi) - magnitude) / np.sqrt(1.0 - 2.0 / np.pi)
-    return texture.tile_scale * deviation * ridge
+    return texture.gland_scale * deviation * ridge
 
 
 def thread_fill(gap_mm, radius_mm, voxel_mm):

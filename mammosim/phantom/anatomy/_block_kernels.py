@@ -45,8 +45,8 @@ class Texture(NamedTuple):
     `fields` is (x, lateral, superior, channel); `lobules` is the net of fat lobules, `bundles` that
     of the muscle's; amplitudes are in units of the potential. Lobes of gland raise the potential
     by at most `gland_push`. Gland is where the potential above the threshold, at most `gland_cap`,
-    and the tile's noise are positive together; fat streaks of muscle are where that noise exceeds
-    `muscle_streaks`.
+    and the tile times `gland_scale` are positive together; fat streaks of muscle are where the
+    tile's noise exceeds `muscle_streaks` standard deviations.
     """
 
     fields: NDArray[np.float32]
@@ -62,7 +62,7 @@ class Texture(NamedTuple):
     lobule_amplitude: float
     gland_push: float
     grain_tile: NDArray[np.int8]
-    tile_scale: float
+    gland_scale: float
     gland_cap: float
     muscle_streaks: float
     key: int

@@ -15,6 +15,9 @@ TILE = 128
 TILE_LIMIT = 2.6
 """Where the tile's noise is cut off, in standard deviations; this is 127 in the tile."""
 
+TILE_STEP = TILE_LIMIT / 127.0
+"""One in the tile, in standard deviations of its noise."""
+
 ALONG = 0.7
 """Scale of the tile's first axis, along which structure is longer by its inverse, in muscle."""
 
@@ -35,31 +38,30 @@ MOST_GLAND_GRAIN = 127.0 / TILE_LIMIT * math.sqrt(2.0 / math.pi) * STEEPER
 """Most that gland's grain can be, against the scale of the tile: the mean magnitude of normal noise
 is the root of 2 / pi standard deviations."""
 
-UNEVEN, UNEVEN_PER, MOST_UNEVEN = 1.8, 0.35, 1.7
-"""Thickness of walls: change per unit of the tile's noise, which is stretched by the inverse of the
-second (1.5 to 11 mm), and the most against the mean. Chosen by eye."""
+UNEVEN, UNEVEN_PER, MOST_UNEVEN = 0.45, 0.35, 1.7
+"""Thickness of walls: change per standard deviation of the tile's noise, which is stretched by the
+inverse of the second (1.5 to 11 mm), and the most against the mean. Chosen by eye."""
 
 
 @merged_kernel
-def grain_at(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float) -> float:
-    """Noise at a point of net coordinates, mm: `scale` times the tile's value in its cell of
-    0.2 mm."""
+def grain_at(tile: NDArray[np.int8], p: float, q: float, r: float) -> float:
+    """Noise at a point of net coordinates, mm, in standard deviations, from cells of 0.2 mm."""
     a = int(p * (5.0 * ALONG) + 65536.0) & (TILE - 1)
     b = int(q * 5.0 + 65536.0) & (TILE - 1)
     c = int(r * 5.0 + 65536.0) & (TILE - 1)
-    return scale * tile[a, b, c]
+    return TILE_STEP * tile[a, b, c]
 
 
 @merged_kernel
-def muscle_grain_at(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float) -> float:
+def muscle_grain_at(tile: NDArray[np.int8], p: float, q: float, r: float) -> float:
     """As `grain_at`, for streaks of fat in muscle, which are `BROAD` times as wide."""
-    return grain_at(tile, scale, p, q / BROAD, r / BROAD)
+    return grain_at(tile, p, q / BROAD, r / BROAD)
 
 
 @merged_kernel
-def wall_unevenness(tile: NDArray[np.int8], scale: float, p: float, q: float, r: float) -> float:
+def wall_unevenness(tile: NDArray[np.int8], p: float, q: float, r: float) -> float:
     """Thickness of a wall at a point of net coordinates, mm, against its mean."""
-    grain = grain_at(tile, scale, UNEVEN_PER * p, UNEVEN_PER * q, UNEVEN_PER * r)
+    grain = grain_at(tile, UNEVEN_PER * p, UNEVEN_PER * q, UNEVEN_PER * r)
     return min(max(1.0 + UNEVEN * grain, 0.0), MOST_UNEVEN)
 
 

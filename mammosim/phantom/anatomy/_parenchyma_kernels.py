@@ -160,7 +160,7 @@ def decide_gland(texture: Texture, paint: Paint, block: Block, h: float, only_mu
     """0 where a block holds no gland, 2 where it is gland but for the grain's holes, 1 with its
     sub-grid filled."""
     lowest, highest = least_and_most(block.corner, POTENTIAL)
-    grain = MOST_GLAND_GRAIN * texture.tile_scale
+    grain = MOST_GLAND_GRAIN * texture.gland_scale
     highest += grain + texture.gland_push
     if only_muscle or highest + texture.noise_limit <= paint.threshold:
         return 0

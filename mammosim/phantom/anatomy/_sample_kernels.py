@@ -102,7 +102,7 @@ def sample_potential(
                     p = trilinear(block.corner, NET, at[0], at[1], at[2])
                     q = trilinear(block.corner, NET + 1, at[0], at[1], at[2])
                     r = trilinear(block.corner, NET + 2, at[0], at[1], at[2])
-                    grain = gland_grain_at(texture.grain_tile, texture.tile_scale, p, q, r)
+                    grain = gland_grain_at(texture.grain_tile, texture.gland_scale, p, q, r)
                     # Whatever the threshold, a hole in the gland stays one.
                     hole = texture.gland_cap + grain <= 0.0
                     out_potential[i, j, k, s] = -1e9 if hole else value + grain

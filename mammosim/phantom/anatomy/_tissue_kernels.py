@@ -192,8 +192,8 @@ def _fill_block(
     far, span = border_reach(border, voxel), fillet_span(border, voxel)
     per_step = 1.0 / (APPROACH * voxel)
     o0, o1, o2, per = net.origin_mm[0], net.origin_mm[1], net.origin_mm[2], 1.0 / net.cell_mm
-    tile, tile_scale, cap = texture.grain_tile, texture.tile_scale, texture.gland_cap
-    streaks, most_grain = texture.muscle_streaks, MOST_GLAND_GRAIN * tile_scale
+    tile, gland_scale, cap = texture.grain_tile, texture.gland_scale, texture.gland_cap
+    streaks, most_grain = texture.muscle_streaks, MOST_GLAND_GRAIN * gland_scale
     near_axis = 4.0 * numbers[2] * numbers[2]
     first_k, last_k = lattice.superior_start[at[2]], lattice.superior_start[at[2] + 1]
     first_i, last_i = lattice.x_start[at[0]], lattice.x_start[at[0] + 1]
@@ -257,7 +257,7 @@ def _fill_block(
                     above = min(on_sub_row(sub_row, w), cap) if gland == 1 else cap
                     if (
                         above > -most_grain
-                        and above + gland_grain_at(tile, tile_scale, p, q, r) > 0.0
+                        and above + gland_grain_at(tile, gland_scale, p, q, r) > 0.0
                     ):
                         labels[i, j, k] = name[GLAND]
                         continue
@@ -282,13 +282,13 @@ def _fill_block(
                         free_k = k + 1 + int(max(free, -voxel) * per_step)
                         if free < 0.0:
                             thick = MUSCLE_FAT if in_muscle else septum_0 + w * septum_1
-                            thick *= wall_unevenness(tile, tile_scale, p, q, r)
+                            thick *= wall_unevenness(tile, p, q, r)
                             if filleted < 0.0 or gap < wall_reach(thick, voxel):
                                 fill += wall_fill(
                                     place, pair, cells, listed, inside, least,
                                     (x_cell, y_cell, z_cell), thick, voxel, border,
                                 )  # fmt: skip
-                    if in_muscle and muscle_grain_at(tile, tile_scale, p, q, r) > streaks:
+                    if in_muscle and muscle_grain_at(tile, p, q, r) > streaks:
                         fill = 1.0
                 if fill <= 0.0:
                     labels[i, j, k] = name[MUSCLE] if in_muscle else name[ADIPOSE]

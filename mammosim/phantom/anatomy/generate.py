@@ -15,7 +15,7 @@ from mammosim._side_by_side import both, dealt
 from mammosim.config import documents_keys, given_settings
 from mammosim.errors import InputError
 from mammosim.phantom.anatomy._block_kernels import SKIN_MM, Lattice, Paint, Texture
-from mammosim.phantom.anatomy._grain_kernels import TILE, TILE_LIMIT
+from mammosim.phantom.anatomy._grain_kernels import TILE, TILE_LIMIT, TILE_STEP
 from mammosim.phantom.anatomy._net_kernels import Net
 from mammosim.phantom.anatomy._sample_kernels import (
     IN_MUSCLE,
@@ -78,8 +78,9 @@ NOISE_LIMIT = 0.9
 """Strands and grain together count for no more: beyond it blocks are decided without them."""
 
 FINE_AMPLITUDE = 0.25
-"""Standard deviation of the finest noise, whose wavelengths are 0.5 to 4 mm: borders of gland are
-rough by as much, which is a mottle in projection where they are many. Chosen by eye."""
+"""Standard deviation of the finest noise of gland, whose wavelengths are 0.5 to 4 mm. It roughens
+the borders of gland; many rough borders over each other are a mottle in projection. Chosen by
+eye."""
 
 GLAND_CAP = 0.39
 """The potential above the threshold counts for no more: holes of fat, a twelfth of the volume,
@@ -276,8 +277,7 @@ def _texture(anatomy: _Anatomy, seed: int) -> Texture:
         kind.strands * np.array(FAN_SHARE), np.array(FAN_PER_RADIAN),
         np.array(GRAIN_AMPLITUDE), np.array(GRAIN_MM), NOISE_LIMIT, kind.lobule_mm, kind.lobules,
         -GLANDULAR * kind.lobules,
-        anatomy.tile, FINE_AMPLITUDE * TILE_LIMIT / 127.0, GLAND_CAP,
-        FINE_AMPLITUDE * anatomy.body.muscle.streaks,
+        anatomy.tile, FINE_AMPLITUDE * TILE_STEP, GLAND_CAP, anatomy.body.muscle.streaks,
         seed & 0xFFFFFF,
     )  # fmt: skip
 
